@@ -1,0 +1,39 @@
+"""Everything that has a name, on one page."""
+
+from typing import Any
+
+from vse_gym.registry import Registry
+
+ESTIMATORS: Registry[Any] = Registry(
+    "vse_gym.estimators",
+    {
+        "truth": "vse_gym.estimators.anchors:Truth",
+        "truth_velocity": "vse_gym.estimators.anchors:TruthVelocity",
+        "zero": "vse_gym.estimators.anchors:ZeroSideslip",
+        "kinematic": "vse_gym.estimators.kinematic:KinematicObserver",
+        "ekf": "vse_gym.estimators.gaussian:ExtendedKalmanFilter",
+        "ekf_told": "vse_gym.estimators.gaussian:ToldExtendedKalmanFilter",
+        "ukf": "vse_gym.estimators.gaussian:UnscentedKalmanFilter",
+        "pf": "vse_gym.estimators.particle:BootstrapParticleFilter",
+        "pf_cauchy_gaussian": "vse_gym.estimators.particle:CauchyGaussianParticleFilter",
+    },
+)
+
+CONTROLLERS: Registry[Any] = Registry(
+    "vse_gym.controllers",
+    {
+        "none": "vse_gym.controllers.base:NoControl",
+        "esc": "vse_gym.controllers.esc:StabilityControl",
+        "sideslip_esc": "vse_gym.controllers.esc:SideslipStabilityControl",
+    },
+)
+
+MANOEUVRES: Registry[Any] = Registry(
+    "vse_gym.manoeuvres",
+    {
+        "sine_with_dwell": "vse_gym.manoeuvres.sine_with_dwell:SineWithDwell",
+        "slowly_increasing_steer": "vse_gym.manoeuvres.slowly_increasing_steer:SlowlyIncreasingSteer",
+        "straight_driving": "vse_gym.manoeuvres.straight_driving:StraightDriving",
+        "held_steer": "vse_gym.manoeuvres.held_steer:HeldSteer",
+    },
+)

@@ -1,0 +1,137 @@
+"""The one way to use numba here: ``@compiled`` for a kernel, ``@generic`` for one whose body its first argument picks.
+
+Two faults of plain ``njit(cache=True)`` are mended. Its cache looks only at the file that holds the function, so a
+change in a *called* file leaves stale machine code in use (numba issue 1833): here the cache folder is named by a
+digest of every kernel source. And functions handed to kernels as arguments are never cached at all: here a kernel
+chooses its body by the *type* of its first argument, a NamedTuple of parameters, which is cached.
+"""
+
+import hashlib
+import inspect
+import os
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, Generic, ParamSpec, TypeVar
+
+import numba
+from numba import types
+from numba.extending import overload
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_PACKAGE = Path(__file__).parent
+_dispatchers: list[Any] = []  # every kernel of the package, to be given a new cache folder when the digest changes
+
+
+def _package_digest() -> str:
+    """Digest of every source file of the package that defines a kernel or a type that kernels read."""
+    digest = hashlib.blake2b(numba.__version__.encode(), digest_size=8)
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        source = path.read_bytes()
+        if b"compiled" in source or b"NamedTuple" in source:
+            digest.update(source)
+    return digest.hexdigest()
+
+
+_digest = _package_digest()
+
+
+def cache_folder() -> Path:
+    """Where machine code is kept: below $VSE_GYM_CACHE, else below the user's cache folder."""
+    base = os.environ.get("VSE_GYM_CACHE") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vse-gym"
+    return Path(base) / f"kernels-{_digest}"
+
+
+def _enable_cache(dispatcher: Any) -> None:
+    """Point one kernel's cache at the digest's folder; without a writable folder it compiles in every process."""
+    if not hasattr(dispatcher, "enable_caching"):  # NUMBA_DISABLE_JIT=1 hands plain functions back
+        return
+    previous = numba.config.CACHE_DIR  # numba reads the setting once, here, when the cache is attached
+    numba.config.CACHE_DIR = str(cache_folder())
+    try:
+        dispatcher.enable_caching()
+    except (OSError, RuntimeError):  # read-only home, full disk
+        pass
+    finally:
+        numba.config.CACHE_DIR = previous
+
+
+def _is_ours(function: Callable[..., Any]) -> bool:
+    return Path(inspect.getfile(inspect.unwrap(function))).is_relative_to(_PACKAGE)
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a function to machine code on first call, cached across processes.
+
+    Floats divide as IEEE has it (no ZeroDivisionError) and the interpreter lock is released. A function from outside
+    this package is compiled in every process unless it is registered with a generic (see :class:`GenericFunction`).
+    """
+    dispatcher = numba.njit(error_model="numpy", nogil=True)(function)
+    if _is_ours(function):
+        _dispatchers.append(dispatcher)
+        _enable_cache(dispatcher)
+    return dispatcher  # type: ignore[no-any-return]
+
+
+def _include_in_digest(path: Path) -> None:
+    """Kernels specialised for a foreign model hold its machine code: key the cache by its source too."""
+    global _digest
+    _digest = hashlib.blake2b(_digest.encode() + path.read_bytes(), digest_size=8).hexdigest()
+    for dispatcher in _dispatchers:
+        _enable_cache(dispatcher)
+
+
+class GenericFunction(Generic[P, R]):
+    """A function that picks its body by the type of its first argument; made by :func:`generic`."""
+
+    def __init__(self, declaration: Callable[P, R]):
+        self.declaration = declaration
+        self.bodies: dict[type, Callable[..., R]] = {}
+
+    def body(self, kind: type) -> Callable[..., R]:
+        """The body registered for a type.
+
+        Raises:
+            TypeError: If there is none; the message names those that have one.
+        """
+        if kind not in self.bodies:
+            known = ", ".join(sorted(k.__name__ for k in self.bodies)) or "none yet"
+            raise TypeError(f"{self.declaration.__name__}() is not registered for {kind.__name__}; known: {known}")
+        return self.bodies[kind]
+
+    def register(self, kind: type) -> Callable[[Callable[..., R]], Callable[..., R]]:
+        """Decorator: use this compiled function when the first argument is a ``kind`` (a NamedTuple class)."""
+
+        def add(body: Callable[..., R]) -> Callable[..., R]:
+            source = getattr(body, "py_func", body)
+            if not _is_ours(source):
+                _include_in_digest(Path(inspect.getfile(source)))
+            self.bodies[kind] = body
+            return body
+
+        return add
+
+
+def generic(declaration: Callable[P, R]) -> Any:
+    """Declare a function whose body is chosen by its first argument's type, in Python and inside kernels alike.
+
+    The declaration holds the docstring and the signature; bodies are added with ``declared.register(Type)``.
+    """
+    table: GenericFunction[P, R] = GenericFunction(declaration)
+
+    @wraps(declaration)
+    def dispatch(first: Any, *rest: Any) -> R:
+        return table.body(type(first))(first, *rest)
+
+    @overload(dispatch)
+    def choose(first, *rest):  # numba compares this signature, annotations too, with the one returned
+        if isinstance(first, types.BaseNamedTuple):
+            body = table.body(first.instance_class)
+            return lambda first, *rest: body(first, *rest)
+        return None
+
+    dispatch.register = table.register  # type: ignore[attr-defined]
+    dispatch.bodies = table.bodies  # type: ignore[attr-defined]
+    return dispatch

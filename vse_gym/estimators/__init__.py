@@ -1,0 +1,1 @@
+"""State estimators: tunings, and which rule of :mod:`vse_gym.inference` they use."""

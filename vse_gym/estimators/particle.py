@@ -1,0 +1,89 @@
+"""Particle filters: tunings of :mod:`vse_gym.inference.particle`."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from vse_gym.estimators.base import Estimator
+from vse_gym.inference.particle import bootstrap_step, draw
+from vse_gym.models import Nominal, SingleTrack, SingleTrackTuning
+from vse_gym.types import Array, Estimate, Reading
+
+
+class Particles(NamedTuple):
+    """A weighted sample of the model's state."""
+
+    model: SingleTrack
+    states: Array  # (n, N)
+    weights: Array  # (N,), summing to one
+    memory: Array  # (k,)
+    cov: Array  # (n, n), of the weighted sample before resampling
+    output: Array  # vx, vy, yaw rate, ax, ay, effective sample size, (6,)
+
+
+@dataclass(frozen=True)
+class BootstrapParticleFilter(Estimator):
+    """Propose from the model, weigh by the likelihood. Gordon, Salmond, Smith (1993).
+
+    Raises:
+        ValueError: If the likelihood is neither "gaussian" nor "cauchy_gaussian", or a number is out of range.
+    """
+
+    model: SingleTrackTuning = field(default_factory=SingleTrackTuning)
+    size: int = 500  # N
+    likelihood: str = "gaussian"
+    alpha: float = 1.5  # characteristic exponent of the Cauchy-Gaussian likelihood, 2 is Gaussian [-]
+    resample_below: float = 0.5  # effective sample size over N [-]
+
+    def __post_init__(self) -> None:
+        if self.likelihood not in ("gaussian", "cauchy_gaussian"):
+            raise ValueError(f"likelihood must be 'gaussian' or 'cauchy_gaussian', not {self.likelihood!r}")
+        if self.size < 2 or not 1 <= self.alpha <= 2:
+            raise ValueError(f"size must be at least 2 and alpha in [1, 2], not {self.size} and {self.alpha}")
+
+    @property
+    def cauchy_share(self) -> float:
+        """Weight of the Cauchy part in the likelihood [-]. Qin et al. (2014)."""
+        return 0.0 if self.likelihood == "gaussian" else (4 - self.alpha**2) / (3 * self.alpha**2)
+
+    def init(self, nominal: Nominal, rng: np.random.Generator) -> Particles:
+        model = self.model.build(nominal)
+        mean = model.prior_mean
+        output = np.array([mean[0], mean[1], mean[2], 0.0, 0.0, self.size])
+        states = draw(mean, model.prior_cov, self.size, rng)
+        return Particles(model, states, np.full(self.size, 1 / self.size), model.memory, model.prior_cov, output)
+
+    def update(self, state: Particles, reading: Reading, rng: np.random.Generator) -> Particles:
+        model, states, weights, memory, _, _ = state
+        return Particles(
+            model,
+            *bootstrap_step(
+                model,
+                states,
+                weights,
+                memory,
+                reading.inputs,
+                reading.y,
+                self.cauchy_share,
+                float(self.resample_below),
+                rng,
+            ),
+        )
+
+    def estimate(self, state: Particles) -> Estimate:
+        vx, vy, yaw_rate, ax, ay, _ = state.output.tolist()
+        return Estimate(vx, vy, yaw_rate, ax, ay, state.cov[:3, :3])
+
+    def effective_size(self, state: Particles) -> float:
+        return float(state.output[5])
+
+    def tell_friction(self, state: Particles, friction: float) -> Particles:
+        return state._replace(model=state.model._replace(friction=float(friction)))
+
+
+@dataclass(frozen=True)
+class CauchyGaussianParticleFilter(BootstrapParticleFilter):
+    """The bootstrap filter that expects heavy tails: the likelihood of Qin et al. (2014)."""
+
+    likelihood: str = "cauchy_gaussian"

@@ -1,0 +1,1 @@
+"""Estimation as pure compiled functions, generic over the model (see :mod:`vse_gym.inference.model`)."""

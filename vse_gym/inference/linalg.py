@@ -1,0 +1,91 @@
+"""Small dense linear algebra for kernels. At three to ten rows, loops beat LAPACK's call overhead many times over."""
+
+import math
+
+import numpy as np
+
+from vse_gym.compiled import compiled
+
+
+@compiled
+def symmetrise(a):
+    """Replace a square matrix by its symmetric part, in place."""
+    for i in range(a.shape[0]):
+        for j in range(i):
+            a[i, j] = a[j, i] = 0.5 * (a[i, j] + a[j, i])
+
+
+@compiled
+def cholesky(a, factor):
+    """Lower factor L of a symmetric matrix, a = L L^T, into ``factor``; says whether a is positive definite.
+
+    A matrix that is not is factored as if each failing pivot were 1e-12 of its largest diagonal entry (at least
+    1e-300), the closest that keeps a sigma-point filter alive; the caller counts or raises.
+    """
+    n = a.shape[0]
+    positive = True
+    floor = 1e-300
+    for i in range(n):
+        floor = max(floor, 1e-12 * a[i, i])
+    for j in range(n):
+        pivot = a[j, j]
+        for k in range(j):
+            pivot -= factor[j, k] * factor[j, k]
+        if not pivot > 0.0:
+            positive = False
+            pivot = floor
+        factor[j, j] = math.sqrt(pivot)
+        for i in range(j + 1, n):
+            total = a[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            factor[i, j] = total / factor[j, j]
+        for i in range(j):
+            factor[i, j] = 0.0
+    return positive
+
+
+@compiled
+def forward_solve(factor, b):
+    """Solve L x = b in place for a lower factor L, b of shape (n,) or its leading part."""
+    for i in range(factor.shape[0]):
+        total = b[i]
+        for k in range(i):
+            total -= factor[i, k] * b[k]
+        b[i] = total / factor[i, i]
+
+
+@compiled
+def joseph_scalar(mean, cov, h, innovation, variance, gain, scratch):
+    """Take one scalar measurement with row h (n,) into mean and cov, in place.
+
+    Joseph's form, P' = B P B^T + r k k^T with B = I - k h^T: a sum of two non-negative matrices, so rounding cannot
+    make it indefinite. ``gain`` (n,) and ``scratch`` (n, n) are work space.
+
+    Returns:
+        The innovation's variance.
+    """
+    n = mean.size
+    spread = variance
+    for i in range(n):
+        gain[i] = 0.0
+        for j in range(n):
+            gain[i] += cov[i, j] * h[j]
+        spread += h[i] * gain[i]
+    for i in range(n):
+        gain[i] /= spread
+        mean[i] += gain[i] * innovation
+    for j in range(n):  # scratch = B P
+        projected = 0.0
+        for k in range(n):
+            projected += h[k] * cov[k, j]
+        for i in range(n):
+            scratch[i, j] = cov[i, j] - gain[i] * projected
+    for i in range(n):  # cov = scratch B^T + r k k^T
+        projected = 0.0
+        for k in range(n):
+            projected += scratch[i, k] * h[k]
+        for j in range(n):
+            cov[i, j] = scratch[i, j] - projected * gain[j] + variance * gain[i] * gain[j]
+    symmetrise(cov)
+    return spread

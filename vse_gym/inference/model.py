@@ -1,0 +1,45 @@
+"""What a model must offer to be estimated: a belief's shape, and the functions that each model type registers.
+
+A model is a NamedTuple of its parameters with at least the fields
+
+    prior_mean (n,), prior_cov (n, n)   belief one step before the first reading
+    process_cov (n, n)                  covariance of the noise that one step adds to the state
+    memory (k,)                         initial value of what the model remembers beside the state
+
+States travel as columns, (n, N): one column for a mean, 2n + 1 for sigma points, hundreds for particles.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vse_gym.compiled import generic
+
+
+class Gaussian(NamedTuple):
+    """A belief over a model's own state."""
+
+    mean: NDArray[np.float64]  # (n,)
+    cov: NDArray[np.float64]  # (n, n)
+
+
+@generic
+def advance(model, states, u):
+    """The states one step on under the held inputs u, without noise: (n, N) to (n, N)."""
+
+
+@generic
+def observe(model, states, u):
+    """What the sensors would read without noise: (n, N) to (m, N)."""
+
+
+@generic
+def attend(model, memory, u, y):
+    """Which channels to believe, and how far: noise variances (m,), NaN where a channel is not to be used, and the
+    memory one step on. A channel whose reading is NaN must come back as NaN."""
+
+
+@generic
+def report(model, state, u):
+    """What everybody wants to know of a state (n,): array of vx, vy, yaw rate, ax, ay in SI units, (5,)."""

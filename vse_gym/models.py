@@ -1,0 +1,257 @@
+"""What an estimator is told, and the models of the car that it may believe in."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from vse_gym.compiled import compiled
+from vse_gym.inference.model import advance, attend, observe, report
+from vse_gym.physics.parameters import GRAVITY, Vehicle, check_vehicle
+from vse_gym.physics.tyres import KNOT
+from vse_gym.types import U_BRAKE, U_DRIVE, U_STEER, Y_AX, Y_AY, Y_WHEEL, Y_YAW_RATE, Array
+
+
+class DataSheet(NamedTuple):
+    """Standard deviation of each kind of sensor in its good days: the core of its noise, without what goes wrong."""
+
+    acceleration: float  # [m/s2]
+    yaw_rate: float  # [rad/s]
+    wheel_speed: float  # [rad/s]
+    steer: float  # road-wheel angle [rad]
+    brake: float  # of the torque from pressure, relative [-]
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """What estimators and controllers are told. Different from the truth on purpose.
+
+    Raises:
+        ValueError: If the vehicle, friction, speed or dt cannot be.
+    """
+
+    vehicle: Vehicle
+    sheet: DataSheet
+    speed: float  # at the start [m/s]
+    friction: float = 0.9  # [-]
+    dt: float = 0.01  # between readings [s]
+
+    def __post_init__(self) -> None:
+        check_vehicle(self.vehicle)
+        if not 0 < self.friction <= 2:
+            raise ValueError(f"friction must lie in (0, 2], not {self.friction}")
+        if not (self.dt > 0 and math.isfinite(self.speed) and self.speed >= 0):
+            raise ValueError(f"dt must be positive and speed not negative, not {self.dt} and {self.speed}")
+
+
+class SingleTrack(NamedTuple):
+    """Two axles with saturating tyres and the brakes' yaw moment. State: vx, vy [m/s], yaw rate [rad/s].
+
+    Inputs are those of :class:`Reading`; it explains all seven channels.
+    """
+
+    mass: float  # [kg]
+    yaw_inertia: float  # [kg m2]
+    lf: float  # [m]
+    lr: float  # [m]
+    height: float  # [m]
+    track_front: float  # [m]
+    track_rear: float  # [m]
+    wheel_radius: float  # [m]
+    stiffness_front: float  # cornering stiffness of the axle [N/rad]
+    stiffness_rear: float  # [N/rad]
+    friction: float  # [-]
+    brake_moment: float  # 1; 0 leaves the brakes' yaw moment out, to show what that costs
+    slip: float  # standard deviation of the slip of a rolling wheel, relative [-]
+    brake_slip: float  # the same of the fastest wheel while all four brake [-]
+    brake_hold: float  # a wheel is not believed for this long after it braked [s]
+    dt: float  # [s]
+    prior_mean: Array  # (3,)
+    prior_cov: Array  # (3, 3)
+    process_cov: Array  # (3, 3), of one step
+    variances: Array  # of the seven channels, without wheel slip, (7,)
+    memory: Array  # time since each wheel braked, at the start (4,) [s]
+
+
+@dataclass(frozen=True)
+class SingleTrackTuning:
+    """How far a filter trusts the single track: everything that is not on a data sheet."""
+
+    vx_noise: float = 0.5  # process noise density [m/s per sqrt(s)]
+    vy_noise: float = 0.6  # [m/s per sqrt(s)]
+    yaw_noise: float = 0.5  # [rad/s per sqrt(s)]
+    ax_error: float = 0.3  # error of the model's ax, added to the sensor's noise [m/s2]
+    ay_error: float = 0.6  # [m/s2]
+    slip: float = 0.005  # slip of a rolling wheel [-]
+    brake_slip: float = 0.05  # slip of the fastest wheel while all brake [-]
+    brake_hold: float = 0.1  # time for which a wheel is not believed after it braked [s]
+    vx_prior: float = 1.0  # standard deviation at the start [m/s]
+    vy_prior: float = 0.2  # [m/s]
+    yaw_prior: float = 0.02  # [rad/s]
+    brake_moment: bool = True  # whether the model knows that braking one side turns the car
+
+    def build(self, nominal: Nominal) -> SingleTrack:
+        """The model of a nominal car with this trust."""
+        car, sheet = nominal.vehicle, nominal.sheet
+        step = math.sqrt(nominal.dt)
+        channels = np.full(7, sheet.wheel_speed**2)
+        channels[Y_AX] = sheet.acceleration**2 + self.ax_error**2
+        channels[Y_AY] = sheet.acceleration**2 + self.ay_error**2
+        channels[Y_YAW_RATE] = sheet.yaw_rate**2
+        return SingleTrack(
+            mass=car.mass,
+            yaw_inertia=car.yaw_inertia,
+            lf=car.lf,
+            lr=car.lr,
+            height=car.height,
+            track_front=car.track_front,
+            track_rear=car.track_rear,
+            wheel_radius=car.wheel_radius,
+            stiffness_front=2 * car.front_tyre.cornering_stiffness,
+            stiffness_rear=2 * car.rear_tyre.cornering_stiffness,
+            friction=float(nominal.friction),
+            brake_moment=float(self.brake_moment),
+            slip=float(self.slip),
+            brake_slip=float(self.brake_slip),
+            brake_hold=float(self.brake_hold),
+            dt=float(nominal.dt),
+            prior_mean=np.array([nominal.speed, 0.0, 0.0]),
+            prior_cov=np.diag([self.vx_prior**2, self.vy_prior**2, self.yaw_prior**2]),
+            process_cov=np.diag([(s * step) ** 2 for s in (self.vx_noise, self.vy_noise, self.yaw_noise)]),
+            variances=channels,
+            memory=np.full(4, 10 * float(self.brake_hold)),
+        )
+
+
+SLOWEST = 2.0  # speed to which slip angles are taken at least: below, a step of 10 ms would be unstable [m/s]
+BRAKING = 20.0  # a wheel with more brake torque than this is braking [N m]
+
+
+@compiled
+def _held(model, u):
+    """What the inputs alone determine: cos and sin of the steer, axle forces [N], yaw moment [N m], lateral limits.
+
+    Each wheel's force is its torque over the radius, held to the friction at its static load plus the load transfer
+    of the braking itself; an axle's lateral force is what the friction ellipse leaves.
+    """
+    wheelbase = model.lf + model.lr
+    total = 0.0
+    for i in range(4):
+        total += (u[U_DRIVE + i] - u[U_BRAKE + i]) / model.wheel_radius
+    weight = model.mass * GRAVITY
+    total = max(-model.friction * weight, min(model.friction * weight, total))
+    load_front = max(0.0, (weight * model.lr - total * model.height) / wheelbase)
+    load_rear = weight - load_front
+    front, rear, moment = 0.0, 0.0, 0.0
+    cos_steer, sin_steer = math.cos(u[U_STEER]), math.sin(u[U_STEER])
+    for i in range(4):
+        limit = model.friction * 0.5 * (load_front if i < 2 else load_rear)
+        force = max(-limit, min(limit, (u[U_DRIVE + i] - u[U_BRAKE + i]) / model.wheel_radius))
+        half = 0.5 * (model.track_front if i < 2 else model.track_rear) * (1.0 if i % 2 == 0 else -1.0)
+        if i < 2:
+            front += force
+            moment -= half * force * cos_steer
+        else:
+            rear += force
+            moment -= half * force
+    limit_front, limit_rear = model.friction * load_front + 1e-9, model.friction * load_rear + 1e-9
+    left_front = math.sqrt(max(0.01, 1 - (front / limit_front) ** 2))
+    left_rear = math.sqrt(max(0.01, 1 - (rear / limit_rear) ** 2))
+    return cos_steer, sin_steer, front, rear, moment * model.brake_moment, limit_front, limit_rear, left_front, left_rear
+
+
+@compiled
+def _lateral(tan_alpha, stiffness, limit, left):
+    """Lateral force of an axle: the Fiala polynomial, times what the ellipse leaves; free of branches [N]."""
+    theta = stiffness * tan_alpha / limit
+    t = min(abs(theta), KNOT)
+    return math.copysign(limit * left * t * (1 - t * (0.0668 + 0.1032 * t)), theta)
+
+
+@compiled
+def _forces(model, held, vx, vy, yaw_rate):
+    """Specific forces ax, ay [m/s2] and yaw acceleration [rad/s2] of the single track."""
+    cos_steer, sin_steer, front, rear, moment, limit_front, limit_rear, left_front, left_rear = held
+    speed = max(vx, SLOWEST)
+    vy_front = vy + model.lf * yaw_rate
+    tan_front = (speed * sin_steer - vy_front * cos_steer) / max(speed * cos_steer + vy_front * sin_steer, SLOWEST)
+    tan_rear = (model.lr * yaw_rate - vy) / speed
+    side_front = _lateral(tan_front, model.stiffness_front, limit_front, left_front)
+    side_rear = _lateral(tan_rear, model.stiffness_rear, limit_rear, left_rear)
+    across_front = side_front * cos_steer + front * sin_steer
+    ax = (front * cos_steer - side_front * sin_steer + rear) / model.mass
+    ay = (across_front + side_rear) / model.mass
+    return ax, ay, (model.lf * across_front - model.lr * side_rear + moment) / model.yaw_inertia
+
+
+@advance.register(SingleTrack)
+@compiled
+def _(model, states, u):
+    # Heun's method: Euler's damping error at 10 ms would be as large as the tyre's uncertainty.
+    held = _held(model, u)
+    h = model.dt
+    out = np.empty_like(states)
+    for j in range(states.shape[1]):
+        vx, vy, r = states[0, j], states[1, j], states[2, j]
+        ax, ay, dr = _forces(model, held, vx, vy, r)
+        dvx, dvy = ax + vy * r, ay - vx * r
+        wx, wy, q = vx + h * dvx, vy + h * dvy, r + h * dr
+        ax, ay, dq = _forces(model, held, wx, wy, q)
+        out[0, j] = vx + 0.5 * h * (dvx + ax + wy * q)
+        out[1, j] = vy + 0.5 * h * (dvy + ay - wx * q)
+        out[2, j] = r + 0.5 * h * (dr + dq)
+    return out
+
+
+@observe.register(SingleTrack)
+@compiled
+def _(model, states, u):
+    held = _held(model, u)
+    cos_steer, sin_steer = held[0], held[1]
+    out = np.empty((7, states.shape[1]))
+    half_front, half_rear = 0.5 * model.track_front, 0.5 * model.track_rear
+    for j in range(states.shape[1]):
+        vx, vy, r = states[0, j], states[1, j], states[2, j]
+        ax, ay, _ = _forces(model, held, vx, vy, r)
+        out[Y_AX, j], out[Y_AY, j], out[Y_YAW_RATE, j] = ax, ay, r
+        across = (vy + model.lf * r) * sin_steer
+        out[Y_WHEEL, j] = ((vx - half_front * r) * cos_steer + across) / model.wheel_radius
+        out[Y_WHEEL + 1, j] = ((vx + half_front * r) * cos_steer + across) / model.wheel_radius
+        out[Y_WHEEL + 2, j] = (vx - half_rear * r) / model.wheel_radius
+        out[Y_WHEEL + 3, j] = (vx + half_rear * r) / model.wheel_radius
+    return out
+
+
+@attend.register(SingleTrack)
+@compiled
+def _(model, memory, u, y):
+    # A braking wheel slips, and is slow to spin up again. If all brake, speed would hang on integrated ax alone and
+    # run away, so that the fastest wheel stays, with a standard deviation of a few percent of slip.
+    variances = np.where(np.isnan(y), np.nan, model.variances)
+    memory = memory + model.dt
+    fastest, rolling = -1, False
+    for i in range(4):
+        if u[U_BRAKE + i] > BRAKING:
+            memory[i] = 0.0
+        speed = y[Y_WHEEL + i]
+        if math.isnan(speed):
+            continue
+        if fastest < 0 or speed > y[Y_WHEEL + fastest]:
+            fastest = i
+        if memory[i] < model.brake_hold:
+            variances[Y_WHEEL + i] = np.nan
+        else:
+            rolling = True
+            variances[Y_WHEEL + i] += (model.slip * speed) ** 2
+    if fastest >= 0 and not rolling:
+        k = Y_WHEEL + fastest
+        variances[k] = model.variances[k] + (model.brake_slip * y[k]) ** 2
+    return variances, memory
+
+
+@report.register(SingleTrack)
+@compiled
+def _(model, state, u):
+    ax, ay, _ = _forces(model, _held(model, u), state[0], state[1], state[2])
+    return np.array([state[0], state[1], state[2], ax, ay])

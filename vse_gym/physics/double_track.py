@@ -1,0 +1,277 @@
+"""The plant: a car with seven degrees of freedom and nonlinear tyres.
+
+Equations: Qin, Li, Li, Cao (2014), doi:10.6041/j.issn.1000-1298.2014.10.004, in ISO axes, with three additions: load
+transfer follows the acceleration through a lag (the suspension's, and it breaks the algebraic loop), road slope and
+bank, and Coulomb brakes that can lock a wheel and hold a standing car.
+
+Two integrators share one force evaluation per stage. :func:`advance` is semi-implicit in each wheel's longitudinal
+slip velocity R w - vx, which is what makes wheels stiff at low speed: it is stable at 1 ms down to standstill.
+:func:`advance_reference` is the classical Runge-Kutta method of order four, for use above 5 m/s.
+"""
+
+import math
+
+import numpy as np
+
+from vse_gym.compiled import compiled
+from vse_gym.physics.parameters import (
+    AX,
+    AY,
+    BRAKE_WORK,
+    DISTANCE,
+    GRAVITY,
+    LOAD_AX,
+    LOAD_AY,
+    STATE_SIZE,
+    VX,
+    VY,
+    WHEEL,
+    YAW,
+    YAW_RATE,
+    X,
+    Y,
+)
+from vse_gym.physics.tyres import tyre_force
+
+SPEED_FLOOR = 0.5  # slip is taken relative to at least this speed [m/s]
+DERIVATIVES = 14  # how many states have a derivative: all but the outputs
+
+# Columns of the scratch table of one force evaluation, a row per wheel.
+FX, FY, MZ, STIFFNESS, LOAD, ARM_X, ARM_Y, COS, SIN = range(9)
+CONTACT = 9
+
+
+@compiled
+def wheel_position(vehicle, i):
+    """Position (x, y) of wheel i relative to the centre of gravity [m]."""
+    if i < 2:
+        x, half = vehicle.lf, 0.5 * vehicle.track_front
+    else:
+        x, half = -vehicle.lr, 0.5 * vehicle.track_rear
+    return x, (half if i % 2 == 0 else -half)
+
+
+@compiled
+def wheel_velocity(vehicle, i, vx, vy, yaw_rate, steer):
+    """Velocity of wheel i's centre in its own axes, along and across [m/s]; only the front wheels steer."""
+    x, y = wheel_position(vehicle, i)
+    along, across = vx - yaw_rate * y, vy + yaw_rate * x
+    if i >= 2:
+        return along, across
+    c, s = math.cos(steer), math.sin(steer)
+    return along * c + across * s, across * c - along * s
+
+
+@compiled
+def wheel_load(vehicle, i, ax, ay, gravity):
+    """Vertical load of wheel i under specific forces ax, ay [m/s2], quasi-static, never negative [N]."""
+    wheelbase = vehicle.lf + vehicle.lr
+    along = vehicle.mass * ax * vehicle.height / (2 * wheelbase)
+    across = vehicle.mass * ay * vehicle.height
+    if i < 2:
+        load = vehicle.mass * gravity * vehicle.lr / (2 * wheelbase) - along
+        across *= vehicle.front_transfer / vehicle.track_front
+    else:
+        load = vehicle.mass * gravity * vehicle.lf / (2 * wheelbase) + along
+        across *= (1 - vehicle.front_transfer) / vehicle.track_rear
+    return max(0.0, load - across if i % 2 == 0 else load + across)
+
+
+@compiled
+def segment(road, distance):
+    """Index of the road's segment at a distance [m]."""
+    k = 0
+    while k + 1 < road.start.size and road.start[k + 1] <= distance:
+        k += 1
+    return k
+
+
+@compiled
+def contact(vehicle, road, x, steer, wheels):
+    """Evaluate the four tyres at state x; fill ``wheels`` (4, CONTACT) with forces in wheel axes and geometry.
+
+    STIFFNESS is the derivative of FX with respect to the slip velocity R w - v [N s/m].
+    """
+    here = segment(road, x[DISTANCE])
+    gravity = GRAVITY * math.cos(road.slope[here]) * math.cos(road.bank[here])
+    cos_steer, sin_steer = math.cos(steer), math.sin(steer)
+    for i in range(4):
+        px, py = wheel_position(vehicle, i)
+        c, s = (cos_steer, sin_steer) if i < 2 else (1.0, 0.0)
+        along, across = x[VX] - x[YAW_RATE] * py, x[VY] + x[YAW_RATE] * px
+        v = along * c + across * s
+        base = 1.0 / max(abs(v), SPEED_FLOOR)
+        kappa = (vehicle.wheel_radius * x[WHEEL + i] - v) * base
+        tan_alpha = (along * s - across * c) * base
+        load = wheel_load(vehicle, i, x[LOAD_AX], x[LOAD_AY], gravity)
+        under = segment(road, x[DISTANCE] + px)
+        friction = road.friction_left[under] if i % 2 == 0 else road.friction_right[under]
+        if i < 2:
+            fx, fy, mz, slope = tyre_force(vehicle.front_tyre, kappa, tan_alpha, load, friction)
+        else:
+            fx, fy, mz, slope = tyre_force(vehicle.rear_tyre, kappa, tan_alpha, load, friction)
+        wheels[i, FX], wheels[i, FY], wheels[i, MZ], wheels[i, STIFFNESS] = fx, fy, mz, slope * base
+        wheels[i, LOAD], wheels[i, ARM_X], wheels[i, ARM_Y], wheels[i, COS], wheels[i, SIN] = load, px, py, c, s
+
+
+@compiled
+def specific_forces(vehicle, wheels):
+    """Sum of the tyres' forces over the mass, ax and ay [m/s2], and the yaw acceleration [rad/s2]."""
+    fx, fy, mz = 0.0, 0.0, 0.0
+    for i in range(4):
+        along = wheels[i, FX] * wheels[i, COS] - wheels[i, FY] * wheels[i, SIN]
+        across = wheels[i, FX] * wheels[i, SIN] + wheels[i, FY] * wheels[i, COS]
+        fx += along
+        fy += across
+        mz += wheels[i, ARM_X] * across - wheels[i, ARM_Y] * along + wheels[i, MZ]
+    return fx / vehicle.mass, fy / vehicle.mass, mz / vehicle.yaw_inertia
+
+
+@compiled
+def pull(road, distance):
+    """Acceleration by gravity along and across the car on a slope and a bank [m/s2]."""
+    here = segment(road, distance)
+    return -GRAVITY * math.sin(road.slope[here]), -GRAVITY * math.sin(road.bank[here])
+
+
+@compiled
+def brake_direction(speed, net, brake):
+    """Sign of the brake's torque on a wheel: against its turning; of a standing wheel, against ``net``, the torque of
+    the rest [N m], or 0 if the brake holds it."""
+    if speed > 0:
+        return 1.0
+    if speed < 0:
+        return -1.0
+    if abs(net) <= brake:
+        return 0.0
+    return math.copysign(1.0, net)
+
+
+@compiled
+def derivative(vehicle, road, x, inputs, direction, wheels, dx):
+    """Time derivative of the state, into ``dx``; ``direction`` (4,) is the frozen sign of the brakes' torques.
+
+    A standing wheel whose direction is 0 is held by its brake and stays.
+    """
+    contact(vehicle, road, x, inputs.steer, wheels)
+    ax, ay, yaw_acceleration = specific_forces(vehicle, wheels)
+    gx, gy = pull(road, x[DISTANCE])
+    cos_yaw, sin_yaw = math.cos(x[YAW]), math.sin(x[YAW])
+    dx[X] = x[VX] * cos_yaw - x[VY] * sin_yaw
+    dx[Y] = x[VX] * sin_yaw + x[VY] * cos_yaw
+    dx[YAW] = x[YAW_RATE]
+    dx[VX] = ax + gx + x[VY] * x[YAW_RATE]
+    dx[VY] = ay + gy - x[VX] * x[YAW_RATE]
+    dx[YAW_RATE] = yaw_acceleration
+    dx[LOAD_AX] = (ax - x[LOAD_AX]) / vehicle.load_lag
+    dx[LOAD_AY] = (ay - x[LOAD_AY]) / vehicle.load_lag
+    dx[DISTANCE] = math.sqrt(x[VX] ** 2 + x[VY] ** 2)
+    dx[BRAKE_WORK] = 0.0
+    for i in range(4):
+        torque = inputs.drive[i] - direction[i] * inputs.brake[i] - vehicle.wheel_radius * wheels[i, FX]
+        held = direction[i] == 0.0 and inputs.brake[i] > 0
+        dx[WHEEL + i] = 0.0 if held else torque / vehicle.wheel_inertia
+        dx[BRAKE_WORK] += inputs.brake[i] * direction[i] * x[WHEEL + i]
+
+
+@compiled
+def advance_reference(vehicle, road, state, inputs, steps, h):
+    """The state after ``steps`` Runge-Kutta steps of ``h`` seconds: (STATE_SIZE,) to (STATE_SIZE,). Above 5 m/s."""
+    x = state.copy()
+    start = np.empty(STATE_SIZE)
+    total = np.empty(DERIVATIVES)
+    dx = np.empty(DERIVATIVES)
+    wheels = np.empty((4, CONTACT))
+    direction = np.empty(4)
+    for _ in range(steps):
+        contact(vehicle, road, x, inputs.steer, wheels)
+        for i in range(4):
+            net = inputs.drive[i] - vehicle.wheel_radius * wheels[i, FX]
+            direction[i] = brake_direction(x[WHEEL + i], net, inputs.brake[i])
+        start[:] = x
+        total[:] = 0.0
+        for stage in range(4):
+            derivative(vehicle, road, x, inputs, direction, wheels, dx)
+            weight = h / 3 if stage == 1 or stage == 2 else h / 6
+            reach = h if stage == 2 else h / 2
+            for j in range(DERIVATIVES):
+                total[j] += weight * dx[j]
+                x[j] = start[j] + (reach * dx[j] if stage < 3 else total[j])
+        for i in range(4):
+            if inputs.brake[i] > 0 and start[WHEEL + i] * x[WHEEL + i] < 0:
+                x[WHEEL + i] = 0.0
+    contact(vehicle, road, x, inputs.steer, wheels)
+    x[AX], x[AY], _ = specific_forces(vehicle, wheels)
+    return x
+
+
+@compiled
+def _settle_wheels(vehicle, x, inputs, h, ax, ay, yaw_acceleration, wheels):
+    """Turn the wheels on by h, and replace each FX by its value at the end of the step.
+
+    FX is linearised in the slip velocity s = R w - v: FX' = FX + C ds with ds implicit, ds = h (R dw/dt - dv/dt) at
+    FX'. A wheel's own reaction on the car's speed counts four times, as if all wheels did alike. Wheel and car feel
+    the same FX', so momentum is kept exactly.
+    """
+    radius, inertia = vehicle.wheel_radius, vehicle.wheel_inertia
+    dvx, dvy = ax + x[VY] * x[YAW_RATE], ay - x[VX] * x[YAW_RATE]
+    for i in range(4):
+        c, s = wheels[i, COS], wheels[i, SIN]
+        dv = (dvx - yaw_acceleration * wheels[i, ARM_Y]) * c + (dvy + yaw_acceleration * wheels[i, ARM_X]) * s
+        force, stiffness, speed = wheels[i, FX], wheels[i, STIFFNESS], x[WHEEL + i]
+        drive, brake = inputs.drive[i], inputs.brake[i]
+        share = h * stiffness * 4 / vehicle.mass
+        direction = 1.0
+        if brake > 0:
+            held = force - stiffness * h * dv / (1 + share)  # FX' if the wheel stands still
+            direction = brake_direction(speed, drive - radius * held, brake)
+            if direction == 0.0:
+                wheels[i, FX] = held
+                continue
+        torque = drive - direction * brake
+        push = h * (radius * (torque - radius * force) / inertia - dv)
+        force += stiffness * push / (1 + share + h * stiffness * radius * radius / inertia)
+        after = speed + h * (torque - radius * force) / inertia
+        if brake > 0 and speed * after < 0:
+            after = 0.0
+        wheels[i, FX] = force
+        x[WHEEL + i] = after
+        x[BRAKE_WORK] += h * brake * 0.5 * abs(speed + after)
+
+
+@compiled
+def advance(vehicle, road, state, inputs, steps, h):
+    """The state after ``steps`` semi-implicit steps of ``h`` seconds: (STATE_SIZE,) to (STATE_SIZE,).
+
+    First order; stable at 1 ms from standstill to any speed, with wheels that spin, lock or stand.
+    """
+    x = state.copy()
+    wheels = np.empty((4, CONTACT))
+    for _ in range(steps):
+        contact(vehicle, road, x, inputs.steer, wheels)
+        ax, ay, yaw_acceleration = specific_forces(vehicle, wheels)
+        gx, gy = pull(road, x[DISTANCE])
+        _settle_wheels(vehicle, x, inputs, h, ax + gx, ay + gy, yaw_acceleration, wheels)
+        ax, ay, yaw_acceleration = specific_forces(vehicle, wheels)
+        x[VX] += h * (ax + gx + x[VY] * x[YAW_RATE])
+        x[VY] += h * (ay + gy - x[VX] * x[YAW_RATE])  # with the new vx: the turning of the axes keeps the speed
+        x[YAW_RATE] += h * yaw_acceleration
+        yaw = x[YAW] + 0.5 * h * x[YAW_RATE]
+        x[YAW] += h * x[YAW_RATE]
+        cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
+        x[X] += h * (x[VX] * cos_yaw - x[VY] * sin_yaw)
+        x[Y] += h * (x[VX] * sin_yaw + x[VY] * cos_yaw)
+        x[DISTANCE] += h * math.sqrt(x[VX] ** 2 + x[VY] ** 2)
+        follow = h / (vehicle.load_lag + h)
+        x[LOAD_AX] += follow * (ax - x[LOAD_AX])
+        x[LOAD_AY] += follow * (ay - x[LOAD_AY])
+        x[AX], x[AY] = ax, ay
+    return x
+
+
+def rolling_start(vehicle, speed: float):
+    """The state of a car that rolls straight ahead at a speed [m/s] from the origin, (STATE_SIZE,)."""
+    x = np.zeros(STATE_SIZE)
+    x[VX] = speed
+    x[WHEEL : WHEEL + 4] = speed / vehicle.wheel_radius
+    return x

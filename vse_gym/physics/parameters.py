@@ -1,0 +1,177 @@
+"""What the physics kernels read: the car, its tyres, the road, and the layout of the plant's state.
+
+Wheel order everywhere: front left, front right, rear left, rear right.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+GRAVITY = 9.81  # m/s2
+
+# The plant's state, one float array of STATE_SIZE. The last three are outputs of the step that led here.
+X, Y, YAW = 0, 1, 2  # position of the centre of gravity [m] and heading [rad], earth-fixed
+VX, VY, YAW_RATE = 3, 4, 5  # velocity of the centre of gravity in body axes [m/s], [rad/s]
+WHEEL_SPEEDS = slice(6, 10)  # [rad/s]
+WHEEL = 6  # index of the first wheel speed
+LOAD_AX, LOAD_AY = 10, 11  # specific force that the load transfer has followed so far [m/s2]
+DISTANCE = 12  # path length travelled [m]
+BRAKE_WORK = 13  # heat in the brakes so far [J]
+AX, AY = 14, 15  # specific force at the centre of gravity (what an accelerometer there feels) [m/s2]
+STATE_SIZE = 16
+
+
+class PolynomialTyre(NamedTuple):
+    """The default tyre: Fiala's polynomial on the slip vector, so that braking and cornering share the friction."""
+
+    slip_stiffness: float  # force per unit slip ratio [N]
+    cornering_stiffness: float  # lateral force per unit tan(slip angle) [N/rad]
+
+
+class FialaTyre(NamedTuple):
+    """The law as Qin et al. (2014) print it: no friction limit on the longitudinal force, no coupling."""
+
+    slip_stiffness: float  # [N]
+    cornering_stiffness: float  # [N/rad]
+    trail: float  # L, the length that scales the aligning moment [m]
+
+
+class EllipseTyre(NamedTuple):
+    """The printed law held inside a friction ellipse."""
+
+    slip_stiffness: float  # [N]
+    cornering_stiffness: float  # [N/rad]
+    trail: float  # L, the length that scales the aligning moment [m]
+
+
+class LinearTyre(NamedTuple):
+    """Force in proportion to slip, without limit: for comparison with linear theory."""
+
+    slip_stiffness: float  # [N]
+    cornering_stiffness: float  # [N/rad]
+
+
+Tyre = PolynomialTyre | FialaTyre | EllipseTyre | LinearTyre
+TYRES: dict[str, type] = {
+    "polynomial": PolynomialTyre,
+    "fiala": FialaTyre,
+    "ellipse": EllipseTyre,
+    "linear": LinearTyre,
+}
+
+
+class Vehicle(NamedTuple):
+    """Constants of a car with seven degrees of freedom: vx, vy, yaw rate and four wheel speeds."""
+
+    mass: float  # [kg]
+    yaw_inertia: float  # [kg m2]
+    lf: float  # centre of gravity to front axle [m]
+    lr: float  # centre of gravity to rear axle [m]
+    height: float  # of the centre of gravity [m]
+    track_front: float  # [m]
+    track_rear: float  # [m]
+    width: float  # over all [m]
+    wheel_radius: float  # [m]
+    wheel_inertia: float  # of one wheel about its axle [kg m2]
+    steering_ratio: float  # hand wheel over road wheel [-]
+    front_transfer: float  # xi: share of the lateral load transfer that the front axle carries [-]
+    load_lag: float  # time constant of the load transfer [s]
+    front_drive: float  # share of the drive torque at the front axle [-]
+    brake_cap_front: float  # largest torque that the stability control may ask of a front wheel [N m]
+    brake_cap_rear: float  # the same for a rear wheel [N m]
+    front_tyre: Any  # one of TYRES, per tyre
+    rear_tyre: Any
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance between the axles [m]."""
+        return self.lf + self.lr
+
+    @property
+    def understeer_gradient(self) -> float:
+        """K in yaw rate = v steer/(l + K v^2) at small slip [rad s2/m]; negative: the car oversteers."""
+        front, rear = 2 * self.front_tyre.cornering_stiffness, 2 * self.rear_tyre.cornering_stiffness
+        return self.mass * (self.lr * rear - self.lf * front) / (self.wheelbase * front * rear)
+
+    @property
+    def critical_speed(self) -> float:
+        """Speed above which straight driving is unstable [m/s]; infinite if the car understeers."""
+        gradient = self.understeer_gradient
+        return float(np.sqrt(-self.wheelbase / gradient)) if gradient < 0 else float("inf")
+
+    @property
+    def brake_caps(self) -> NDArray[np.float64]:
+        """The largest torque that the stability control may ask of each wheel, (4,) [N m]."""
+        front, rear = self.brake_cap_front, self.brake_cap_rear
+        return np.array([front, front, rear, rear])
+
+
+class Road(NamedTuple):
+    """Segments along the manoeuvre's line, each from ``start`` to the next; every field has the shape (segments,).
+
+    The line is the path travelled when a manoeuvre has no course: then left and right are the car's own sides.
+    """
+
+    start: NDArray[np.float64]  # distance at which the segment begins, the first 0 [m]
+    friction_left: NDArray[np.float64]  # friction coefficient under the left wheels [-]
+    friction_right: NDArray[np.float64]  # the same under the right wheels [-]
+    slope: NDArray[np.float64]  # positive uphill [rad]
+    bank: NDArray[np.float64]  # positive where the left side is higher [rad]
+
+
+class Inputs(NamedTuple):
+    """What acts on the car during one control step."""
+
+    steer: float  # road-wheel angle, positive left [rad]
+    drive: NDArray[np.float64]  # drive torque per wheel, (4,) [N m]
+    brake: NDArray[np.float64]  # brake torque per wheel, not negative, (4,) [N m]
+
+
+def road(*segments: tuple[float, float], slope: float = 0.0, bank: float = 0.0) -> Road:
+    """A road of one slope and bank whose friction changes: pairs of (start [m], friction).
+
+    Raises:
+        ValueError: If a friction is not in (0, 2], or the starts do not begin at 0 and increase.
+    """
+    start = np.array([s for s, _ in segments], dtype=float)
+    friction = np.array([mu for _, mu in segments], dtype=float)
+    if not segments or start[0] != 0 or np.any(np.diff(start) <= 0):
+        raise ValueError(f"a road's segments start at 0 m and increase, not at {start.tolist()}")
+    if not np.all((friction > 0) & (friction <= 2)):
+        raise ValueError(f"friction must lie in (0, 2], not {friction.tolist()}")
+    level = np.ones_like(start)
+    return Road(start, friction, friction.copy(), slope * level, bank * level)
+
+
+def check_vehicle(vehicle: Vehicle) -> Vehicle:
+    """Hand back a car whose numbers a plant can use, every one of them a float.
+
+    Raises:
+        ValueError: Naming each field that is not finite or out of its range.
+    """
+    numbers = {k: v for k, v in vehicle._asdict().items() if not k.endswith("_tyre")}
+    for axle in ("front_tyre", "rear_tyre"):
+        tyre = getattr(vehicle, axle)
+        if type(tyre) not in TYRES.values():
+            raise ValueError(f"{axle} must be one of {', '.join(TYRES)}, not {type(tyre).__name__}")
+        numbers |= {f"{axle}.{k}": v for k, v in tyre._asdict().items()}
+    shares = {"front_transfer", "front_drive"}
+    may_be_zero = {"height", "front_tyre.trail", "rear_tyre.trail"}
+    wrong = []
+    for name, value in numbers.items():
+        if not np.isfinite(value):
+            wrong.append(f"{name} = {value} is not finite")
+        elif name in shares and not 0 <= value <= 1:
+            wrong.append(f"{name} = {value} must lie in [0, 1]")
+        elif name in may_be_zero and value < 0:
+            wrong.append(f"{name} = {value} must not be negative")
+        elif name not in shares | may_be_zero and value <= 0:
+            wrong.append(f"{name} = {value} must be positive")
+    if wrong:
+        raise ValueError("vehicle: " + "; ".join(wrong))
+    floats: dict[str, Any] = {k: float(v) for k, v in vehicle._asdict().items() if not k.endswith("_tyre")}
+    for axle in ("front_tyre", "rear_tyre"):  # an int field would compile a second kernel
+        tyre = getattr(vehicle, axle)
+        floats[axle] = type(tyre)(*map(float, tyre))
+    return Vehicle(**floats)

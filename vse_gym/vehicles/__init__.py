@@ -1,0 +1,49 @@
+"""Cars, one TOML file each; the keys are the fields of :class:`Vehicle`, each marked published or chosen."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from vse_gym.physics.parameters import TYRES, Vehicle, check_vehicle
+
+FOLDER = Path(__file__).parent
+
+
+def names() -> list[str]:
+    """The cars that come with the package."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def load(vehicle: str | Path | Vehicle) -> Vehicle:
+    """A car by its name, from a TOML file of yours, or as it is; its numbers are checked.
+
+    Raises:
+        KeyError: If no car has that name; the message names those that exist.
+        ValueError: If a field is missing, unknown or out of range.
+    """
+    if isinstance(vehicle, Vehicle):
+        return check_vehicle(vehicle)
+    path = Path(vehicle) if str(vehicle).endswith(".toml") else FOLDER / f"{vehicle}.toml"
+    if not path.is_file():
+        raise KeyError(f"no vehicle named {str(vehicle)!r}; known: {', '.join(names())}, or the path of a .toml file")
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    for axle in ("front_tyre", "rear_tyre"):
+        table[axle] = _tyre(path.name, axle, table.get(axle, {}))
+    _same_keys(path.name, table, Vehicle._fields)
+    return check_vehicle(Vehicle(**table))
+
+
+def _tyre(file: str, axle: str, table: dict[str, Any]) -> Any:
+    table = dict(table)
+    law = table.pop("law", None)
+    if law not in TYRES:
+        raise ValueError(f"{file}: {axle}.law must be one of {', '.join(TYRES)}, not {law!r}")
+    kind: Any = TYRES[law]
+    _same_keys(f"{file}: {axle}", table, kind._fields)
+    return kind(**table)
+
+
+def _same_keys(where: str, table: dict[str, Any], fields: tuple[str, ...]) -> None:
+    if wrong := set(table) ^ set(fields):
+        missing, unknown = sorted(wrong & set(fields)), sorted(wrong - set(fields))
+        raise ValueError(f"{where}: missing {missing or 'nothing'}, unknown {unknown or 'nothing'}")
