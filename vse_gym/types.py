@@ -193,3 +193,27 @@ class Estimate(NamedTuple):
         a, b = -self.vy / square, self.vx / square
         cov = self.cov
         return math.sqrt(max(0.0, a * a * cov[0, 0] + 2 * a * b * cov[0, 1] + b * b * cov[1, 1]))
+
+
+class Log(NamedTuple):
+    """One drive, T instants long; row k is the instant k dt, and what was decided there holds until k + 1."""
+
+    time: Array  # (T,) [s]
+    truth: Array  # the plant's state, (T, STATE_SIZE)
+    hand_wheel: Array  # (T,) [rad]
+    steer: Array  # road-wheel angle that the driver set, (T,) [rad]
+    inputs: Array  # of the readings, (T, 9)
+    readings: Array  # (T, 7), NaN where silent
+    estimate: Array  # vx, vy, yaw rate, ax, ay as the controller saw them, (T, 5)
+    cov: Array  # of vx, vy, yaw rate, (T, 3, 3); NaN where not given
+    brake: Array  # brake torques that acted, (T, 4) [N m]
+    added: Array  # what the stability control asked for, (T, 4) [N m]
+    release: Array  # share of the driver's brake that it let go, (T, 4)
+    friction: Array  # mean of the four wheels, (T,)
+    ended: str  # why the drive ended early; empty: it did not
+    filled: tuple[str, ...]  # fields of the estimate that are passed-on readings
+
+    @property
+    def sideslip(self) -> Array:
+        """True sideslip angle, (T,) [rad]."""
+        return np.arctan2(self.truth[:, p.VY], self.truth[:, p.VX])

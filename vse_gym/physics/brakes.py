@@ -37,7 +37,7 @@ def released_brakes(unit: BrakeUnit, dt: float):
 
 
 @compiled
-def brake_torques(unit, vehicle, memory, driver, added, release, speeds, velocity, steer, dt):
+def brake_torques(unit, vehicle, memory, driver, added, release, heard, velocity, steer, dt):
     """The brakes' torques during the next dt: the unit's memory one step on; its first row is the torques.
 
     Args:
@@ -47,7 +47,7 @@ def brake_torques(unit, vehicle, memory, driver, added, release, speeds, velocit
         driver: Brake torques that the driver asks for, (4,) [N m].
         added: What the stability control adds, (4,) [N m]; taken between 0 and the caps.
         release: Share of the driver's torque to let go, (4,), taken between 0 and 1.
-        speeds: Wheel speeds as last heard, (4,) [rad/s].
+        heard: Readings as last heard, (7,); the last four are the wheel speeds [rad/s].
         velocity: Estimated vx, vy, yaw rate [m/s, m/s, rad/s].
         steer: Road-wheel angle [rad].
         dt: Control step [s].
@@ -61,7 +61,7 @@ def brake_torques(unit, vehicle, memory, driver, added, release, speeds, velocit
         if vx > unit.slowest and demand > 0:
             along, _ = wheel_velocity(vehicle, i, vx, vy, yaw_rate, steer)
             if along > unit.slowest:
-                demand *= limiter(unit, 1 - vehicle.wheel_radius * speeds[i] / along)
+                demand *= limiter(unit, 1 - vehicle.wheel_radius * heard[3 + i] / along)
         for k in range(1, depth - 1):
             after[k, i] = memory[k + 1, i]
         if depth > 1:

@@ -115,6 +115,16 @@ def contact(vehicle, road, x, steer, wheels):
 
 
 @compiled
+def road_friction(vehicle, road, distance):
+    """Friction coefficient under the car, mean of its four wheels [-]."""
+    total = 0.0
+    for x in (vehicle.lf, -vehicle.lr):
+        k = segment(road, distance + x)
+        total += 0.25 * (road.friction_left[k] + road.friction_right[k])
+    return total
+
+
+@compiled
 def specific_forces(vehicle, wheels):
     """Sum of the tyres' forces over the mass, ax and ay [m/s2], and the yaw acceleration [rad/s2]."""
     fx, fy, mz = 0.0, 0.0, 0.0

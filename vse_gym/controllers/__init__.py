@@ -1,0 +1,1 @@
+"""Stability controllers: what the estimate is for."""

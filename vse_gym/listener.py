@@ -1,0 +1,66 @@
+"""An estimator at work: hears readings, completes its estimates, and is the one door through which truth may come."""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from vse_gym.estimators.anchors import MOTION, Truth
+from vse_gym.estimators.base import Estimator
+from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
+from vse_gym.types import Y_AX, Y_AY, Y_YAW_RATE, Array, Estimate, Reading
+
+KNOWN_COV = np.zeros((3, 3))
+KNOWN_COV.flags.writeable = False
+WHERE = {"vx": p.VX, "vy": p.VY, "yaw_rate": p.YAW_RATE, "ax": p.AX, "ay": p.AY}
+
+
+class Listener:
+    """One estimator with its state and its generator, through one drive."""
+
+    def __init__(self, estimator: Estimator, nominal: Nominal, rng: np.random.Generator):
+        self.estimator, self.rng = estimator, rng
+        self.state: Any = estimator.init(nominal, rng)
+        self.filled: tuple[str, ...] = ()  # fields that are passed-on readings
+        self._truth = estimator if isinstance(estimator, Truth) else None
+        self._whole = type(self._truth) is Truth and self._truth == Truth()
+        delay = 0 if self._truth is None else round(self._truth.delay / nominal.dt)
+        self._past: deque[Array] = deque(maxlen=delay + 1)
+
+    def hear(self, reading: Reading, heard: Array, truth: Array, friction: float) -> Estimate:
+        """The complete estimate after one more reading.
+
+        Args:
+            reading: The new reading; all that an ordinary estimator is given.
+            heard: Last valid value of each channel, (7,): fills what the estimator has no opinion of.
+            truth: The plant's state, (STATE_SIZE,): for the marker class ``Truth`` alone.
+            friction: The road's: for rows alone whose name says that they are told.
+        """
+        if self._whole:
+            _, _, _, vx, vy, yaw_rate, *_, ax, ay = truth.tolist()
+            return Estimate(vx, vy, yaw_rate, ax, ay, KNOWN_COV)
+        estimator = self.estimator
+        if estimator.told_friction:
+            self.state = estimator.tell_friction(self.state, friction)
+        self.state = estimator.update(self.state, reading, self.rng)
+        estimate = estimator.estimate(self.state)
+        if self._truth is not None:
+            estimate = self._true_fields(self._truth, estimate, truth)
+        vx, vy, yaw_rate, ax, ay = estimate[:5]
+        if yaw_rate == yaw_rate and ax == ax and ay == ay:
+            return estimate
+        fill = {"yaw_rate": heard[Y_YAW_RATE], "ax": heard[Y_AX], "ay": heard[Y_AY]}
+        missing = {k: float(v) for k, v in fill.items() if getattr(estimate, k) != getattr(estimate, k)}
+        self.filled = tuple(missing)
+        return estimate._replace(**missing)
+
+    def _true_fields(self, marker: Truth, estimate: Estimate, truth: Array) -> Estimate:
+        self._past.append(truth)
+        old = self._past[0]
+        values = {name: float(old[WHERE[name]]) for name in marker.fields}
+        if "vy" in values:
+            values["vy"] *= marker.gain
+        known = np.array([name in marker.fields for name in MOTION[:3]])
+        cov = np.where(known[:, None] | known, 0.0, estimate.cov)
+        return estimate._replace(cov=cov, **values)

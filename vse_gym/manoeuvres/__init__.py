@@ -1,0 +1,1 @@
+"""Standard tests: the driver and the course, and how a drive is judged."""

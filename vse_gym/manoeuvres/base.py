@@ -1,0 +1,90 @@
+"""What every manoeuvre is."""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from vse_gym.models import Nominal
+from vse_gym.physics.parameters import Road, road
+from vse_gym.types import Array, Car, Driver, Log
+
+DEG = math.pi / 180
+KMH = 1 / 3.6
+
+
+class Criterion(NamedTuple):
+    """One figure against its limit."""
+
+    name: str
+    figure: float
+    limit: float
+    unit: str
+    at_least: bool = False  # True: the figure must reach the limit; False: it must not exceed it
+    judged: bool = True  # False: reported, but not part of the verdict
+
+    @property
+    def passed(self) -> bool:
+        """Whether the figure keeps its limit; a figure that is not a number does not."""
+        return self.figure >= self.limit if self.at_least else self.figure <= self.limit
+
+
+class Verdict(NamedTuple):
+    """All criteria of a manoeuvre."""
+
+    criteria: tuple[Criterion, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every judged criterion is kept."""
+        return all(c.passed for c in self.criteria if c.judged)
+
+
+class Course(NamedTuple):
+    """Where the car must go: cones, each (x, y) [m]."""
+
+    cones: Array  # (N, 2)
+
+
+@dataclass(frozen=True)
+class Manoeuvre(ABC):
+    """The driver and the course. The driver sees the road, so that the ``car`` he sees is the true one.
+
+    Raises:
+        ValueError: If speed or duration is not positive, or friction not in (0, 2].
+    """
+
+    speed: float = 80 * KMH  # at the start [m/s]
+    friction: float = 0.9  # of the road at the start [-]
+    duration: float = 6.0  # [s]
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "duration"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
+        if not 0 < self.friction <= 2:
+            raise ValueError(f"friction must lie in (0, 2], not {self.friction}")
+
+    def init(self, nominal: Nominal) -> Any:
+        """The driver's state at the start; a driver of an open-loop test has none."""
+        return None
+
+    @abstractmethod
+    def drive(self, state: Any, time: float, car: Car) -> tuple[Driver, Any]:
+        """What the driver does from now until the next instant, and his state after."""
+
+    def road(self) -> Road:
+        """The road; uniform unless a manoeuvre says otherwise."""
+        return road((0.0, self.friction))
+
+    def course(self) -> Course | None:
+        """Gates and cones; None for an open-loop test."""
+        return None
+
+    def off_course(self, car: Car) -> bool:
+        """Whether the car has left where it may be."""
+        return False
+
+    @abstractmethod
+    def verdict(self, log: Log, nominal: Nominal) -> Verdict:
+        """The standard's criteria, each with its figure and limit."""

@@ -1,0 +1,47 @@
+"""A held hand wheel, and a road whose friction may change under the turning car."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vse_gym.manoeuvres.base import DEG, Criterion, Manoeuvre, Verdict
+from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
+from vse_gym.types import Car, Driver, Log
+
+
+@dataclass(frozen=True)
+class HeldSteer(Manoeuvre):
+    """The hand wheel turns to an angle and stays there; with ``friction_after`` the road's friction jumps.
+
+    Raises:
+        ValueError: If friction_after is not in (0, 2], or jump is not positive.
+    """
+
+    amplitude: float = 60 * DEG  # of the hand wheel, positive to the left [rad]
+    rate: float = 400 * DEG  # at which it gets there [rad/s]
+    begin: float = 0.5  # of steer [s]
+    friction_after: float | None = None  # None: no jump [-]
+    jump: float = 1.8  # when a car at the start speed meets the other friction [s]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.friction_after is not None and not 0 < self.friction_after <= 2:
+            raise ValueError(f"friction_after must lie in (0, 2], not {self.friction_after}")
+        if not self.jump > 0 or not self.rate > 0:
+            raise ValueError(f"jump and rate must be positive, not {self.jump} and {self.rate}")
+
+    def road(self) -> p.Road:
+        if self.friction_after is None:
+            return super().road()
+        return p.road((0.0, self.friction), (self.jump * self.speed, self.friction_after))
+
+    def drive(self, state: None, time: float, car: Car) -> tuple[Driver, None]:
+        turned = min(abs(self.amplitude), self.rate * max(0.0, time - self.begin))
+        return Driver(math.copysign(turned, self.amplitude)), None
+
+    def verdict(self, log: Log, nominal: Nominal) -> Verdict:
+        """No standard has limits here; chosen: the car still points where it goes, to within 15 deg."""
+        sideslip = math.degrees(np.max(np.abs(log.sideslip)))
+        return Verdict((Criterion("largest sideslip", sideslip, 15.0, "deg"),))

@@ -1,0 +1,85 @@
+"""Slowly increasing steer: how much hand wheel a car needs for 0.3 g, which scales the sine with dwell."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from vse_gym.manoeuvres.base import DEG, KMH, Criterion, Manoeuvre, Verdict
+from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
+from vse_gym.physics.double_track import advance, rolling_start
+from vse_gym.types import Array, Car, Driver, Log
+
+
+def _angle_at_0_3g(hand_wheel: Array, ay: Array) -> float:
+    """Hand-wheel angle at 0.3 g by a straight line through 0.1 to 0.375 g; NaN if the drive never got there [rad]."""
+    g = np.abs(ay) / p.GRAVITY
+    beyond = np.nonzero(g > 0.375)[0]
+    if beyond.size == 0:
+        return float("nan")
+    use = slice(int(np.argmax(g >= 0.1)), int(beyond[0]))
+    slope, offset = np.polyfit(np.abs(hand_wheel[use]), g[use], 1)
+    return float((0.3 - offset) / slope)
+
+
+@dataclass(frozen=True)
+class SlowlyIncreasingSteer(Manoeuvre):
+    """The hand wheel turns at 13.5 deg/s at a constant 80 km/h until the car corners at about 0.5 g."""
+
+    duration: float = 8.0
+    rate: float = 13.5 * DEG  # of the hand wheel; positive: to the left [rad/s]
+    begin: float = 0.5  # of steer [s]
+    stop: float = 0.5 * p.GRAVITY  # the hand wheel is held from here on [m/s2]
+    grip: float = 2000.0  # drive torque per speed error [N m s/m]
+
+    def init(self, nominal: Nominal) -> tuple[float, Nominal]:
+        return 0.0, nominal
+
+    def drive(self, state: tuple[float, Nominal], time: float, car: Car) -> tuple[Driver, tuple[float, Nominal]]:
+        angle, nominal = state
+        if abs(car.ay) < self.stop and time >= self.begin:
+            angle += self.rate * nominal.dt
+        torque = max(0.0, self.grip * (self.speed - car.vx))
+        front = nominal.vehicle.front_drive
+        drive = 0.5 * torque * np.array([front, front, 1 - front, 1 - front])
+        return Driver(angle, drive), (angle, nominal)
+
+    def verdict(self, log: Log, nominal: Nominal) -> Verdict:
+        """Reports A; passes if the car reached 0.375 g, so that the line has its data."""
+        angle = _angle_at_0_3g(log.hand_wheel, log.truth[:, p.AY])
+        reached = float(np.max(np.abs(log.truth[:, p.AY]))) / p.GRAVITY
+        return Verdict(
+            (
+                Criterion("largest lateral acceleration", reached, 0.375, "g", at_least=True),
+                Criterion("hand-wheel angle at 0.3 g, A", angle / DEG, 90, "deg", judged=False),
+            )
+        )
+
+
+@lru_cache(maxsize=64)
+def steer_at_0_3g(vehicle: p.Vehicle, friction: float = 0.9) -> float:
+    """A of a car: its hand-wheel angle at 0.3 g in the slowly increasing steer, open loop [rad].
+
+    NaN if the car never reaches 0.375 g, as on a road of that friction or less.
+    """
+    test = SlowlyIncreasingSteer(speed=80 * KMH, friction=friction)
+    dt, substep = 0.01, 1e-3
+    state, memory = rolling_start(vehicle, test.speed), (0.0, _Bare(vehicle, dt))
+    angles, ay = [0.0], [0.0]
+    for k in range(round(test.duration / dt)):
+        driver, memory = test.drive(memory, k * dt, Car(state))  # type: ignore[assignment, arg-type]
+        inputs = p.Inputs(driver.hand_wheel / vehicle.steering_ratio, driver.drive, np.zeros(4))
+        state = advance(vehicle, test.road(), state, inputs, round(dt / substep), substep)
+        angles.append(driver.hand_wheel)
+        ay.append(float(state[p.AY]))
+    return _angle_at_0_3g(np.array(angles), np.array(ay))
+
+
+@dataclass(frozen=True)
+class _Bare:
+    """As much of a nominal as this driver reads."""
+
+    vehicle: p.Vehicle
+    dt: float

@@ -1,0 +1,37 @@
+"""Straight driving: a car that needs no help. What is braked here is braked in vain."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vse_gym.manoeuvres.base import Criterion, Manoeuvre, Verdict
+from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
+from vse_gym.types import Car, Driver, Log
+
+
+@dataclass(frozen=True)
+class StraightDriving(Manoeuvre):
+    """The hand wheel straight, coasting."""
+
+    half_lane: float = 1.75  # the centre of gravity leaves the lane beyond this [m]
+
+    def drive(self, state: None, time: float, car: Car) -> tuple[Driver, None]:
+        return Driver(), None
+
+    def off_course(self, car: Car) -> bool:
+        return abs(car.y) > self.half_lane
+
+    def verdict(self, log: Log, nominal: Nominal) -> Verdict:
+        """No standard has limits here; these are chosen so that a driver would not notice anything."""
+        offset = float(np.max(np.abs(log.truth[:, p.Y])))
+        sideslip = math.degrees(np.max(np.abs(log.sideslip)))
+        work = float(log.truth[-1, p.BRAKE_WORK] - log.truth[0, p.BRAKE_WORK]) / 1e3
+        return Verdict(
+            (
+                Criterion("largest lateral offset", offset, 0.3, "m"),
+                Criterion("largest sideslip", sideslip, 0.5, "deg"),
+                Criterion("needless brake energy", work, 1.0, "kJ"),
+            )
+        )

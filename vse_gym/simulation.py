@@ -1,0 +1,257 @@
+"""The closed loop: driver, brake unit, vehicle, sensors, estimator, controller, wired once."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
+from vse_gym.controllers.base import Controller
+from vse_gym.estimators.base import Estimator
+from vse_gym.listener import Listener
+from vse_gym.manoeuvres.base import Manoeuvre
+from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
+from vse_gym.physics.brakes import BrakeUnit, brake_torques, released_brakes
+from vse_gym.physics.double_track import advance, advance_reference, road_friction, rolling_start
+from vse_gym.sensors import NoiseRecord, Sensors, read_sensors, stream, suite
+from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Car, Estimate, Log, Reading
+from vse_gym.vehicles import load
+
+SPIN = math.radians(80)  # sideslip beyond which a drive is over
+SLOWEST_SPIN = 1.0  # below this speed the direction of travel means nothing [m/s]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """All that a drive needs but the estimator, the controller and the seed.
+
+    Raises:
+        ValueError: If the vehicle cannot be, or the steps do not fit each other.
+    """
+
+    manoeuvre: Manoeuvre
+    vehicle: p.Vehicle  # the true one
+    sensors: Sensors
+    nominal: Nominal  # what estimators and controllers are told of it
+    substep: float = 1e-3  # of the plant [s]
+    integrator: str = "semi_implicit"  # or "runge_kutta", above 5 m/s
+    brake_unit: BrakeUnit = field(default_factory=BrakeUnit)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vehicle", p.check_vehicle(self.vehicle))
+        if self.integrator not in INTEGRATORS:
+            raise ValueError(f"integrator must be one of {', '.join(INTEGRATORS)}, not {self.integrator!r}")
+        if abs(self.substeps * self.substep - self.dt) > 1e-9:
+            raise ValueError(f"dt {self.dt} s must be a whole number of substeps of {self.substep} s")
+
+    @property
+    def dt(self) -> float:
+        """Time between readings [s]."""
+        return self.nominal.dt
+
+    @property
+    def substeps(self) -> int:
+        """Steps of the plant between two readings."""
+        return max(1, round(self.dt / self.substep))
+
+    @property
+    def steps(self) -> int:
+        """Control steps of a whole drive."""
+        return round(self.manoeuvre.duration / self.dt)
+
+
+INTEGRATORS = {"semi_implicit": advance, "runge_kutta": advance_reference}
+
+
+def scenario(
+    manoeuvre: str | Manoeuvre,
+    vehicle: str | p.Vehicle = "qin2014_understeer",
+    sensors: str | Sensors = "gaussian",
+    nominal: Nominal | None = None,
+    **settings: Any,
+) -> Scenario:
+    """A scenario from names: the estimator is told this very car, the manoeuvre's speed and a friction of 0.9.
+
+    Args:
+        manoeuvre: A name from the catalogue, which ``settings`` go to, or an instance.
+        vehicle: A name, the path of a TOML file, or a Vehicle: the true car.
+        sensors: The name of a suite, or Sensors.
+        nominal: What estimators and controllers are told, if it shall differ.
+        settings: Of the manoeuvre, in SI units: speed, friction, amplitude, ...
+
+    Raises:
+        UnknownName: If a name is not known.
+        TypeError: If the manoeuvre has no such setting.
+    """
+    car, noise = load(vehicle), suite(sensors)
+    test = MANOEUVRES.make(manoeuvre, **settings)
+    return Scenario(test, car, noise, nominal or Nominal(car, noise.sheet, test.speed))
+
+
+class Frame(NamedTuple):
+    """One instant of a drive."""
+
+    truth: Car
+    reading: Reading
+    estimate: Estimate
+    brake: Array  # torques that acted until now, (4,) [N m]
+
+
+class Simulation:
+    """One drive in the making; the only object of the loop that changes.
+
+    ``reset`` and ``step`` hand out frames; whoever calls decides the brake demand, from the estimate if it is fair.
+    """
+
+    def __init__(self, scenario: Scenario, estimator: str | Estimator):
+        self.scenario = scenario
+        self.estimator: Estimator = ESTIMATORS.make(estimator)
+        self.road = scenario.manoeuvre.road()
+        self._told = load(scenario.nominal.vehicle)  # the brake unit's own idea of the car
+
+    def reset(self, seed: int) -> Frame:
+        """Start a drive: the same seed gives the same noise, whatever the estimator."""
+        s = self.scenario
+        self.k, self.ended = 0, ""
+        self.record: NoiseRecord = s.sensors.record(s.steps + 1, s.dt, seed)
+        self.listener = Listener(self.estimator, s.nominal, stream(seed, "estimator"))
+        self.state: Array = rolling_start(s.vehicle, s.manoeuvre.speed)
+        self._driver_state = s.manoeuvre.init(s.nominal)
+        self._unit = released_brakes(s.brake_unit, s.dt)
+        self.heard: Array = np.zeros(7)
+        self.inputs = p.Inputs(0.0, NO_TORQUE, NO_TORQUE)
+        self.hand_wheel = 0.0
+        return self._sense()
+
+    @property
+    def time(self) -> float:
+        """[s]."""
+        return self.k * self.scenario.dt
+
+    @property
+    def done(self) -> bool:
+        """Whether the drive is over: it ended, or its time is up."""
+        return bool(self.ended) or self.k >= self.scenario.steps
+
+    @property
+    def friction(self) -> float:
+        """Of the road, mean of the four wheels [-]."""
+        return float(road_friction(self.scenario.vehicle, self.road, self.state[p.DISTANCE]))
+
+    def step(self, demand: BrakeDemand = NO_BRAKE) -> Frame:
+        """Drive on to the next reading under a brake demand.
+
+        Raises:
+            RuntimeError: If the drive is over.
+        """
+        if self.done:
+            raise RuntimeError(f"the drive is over ({self.ended or 'its time is up'}): call reset")
+        s = self.scenario
+        driver, self._driver_state = s.manoeuvre.drive(self._driver_state, self.time, Car(self.state))
+        steer = driver.hand_wheel / s.vehicle.steering_ratio
+        estimate = self.frame.estimate
+        self._unit = brake_torques(
+            s.brake_unit,
+            self._told,
+            self._unit,
+            driver.brake,
+            demand.added,
+            demand.release,
+            self.heard,
+            (estimate.vx, estimate.vy, estimate.yaw_rate),
+            steer,
+            s.dt,
+        )
+        self.hand_wheel = driver.hand_wheel
+        self.inputs = p.Inputs(steer, driver.drive, self._unit[0])
+        self.state = INTEGRATORS[s.integrator](s.vehicle, self.road, self.state, self.inputs, s.substeps, s.substep)
+        self.k += 1
+        return self._sense()
+
+    def _sense(self) -> Frame:
+        u, y, self.heard = read_sensors(self.record, self.k, self.state, self.inputs, self.heard)
+        reading = Reading(self.time, u, y)
+        told = self.friction if self.estimator.told_friction else math.nan
+        estimate = self.listener.hear(reading, self.heard, self.state, told)
+        self.ended = self._why_over(estimate)
+        self.frame = Frame(Car(self.state), reading, estimate, self.inputs.brake)
+        return self.frame
+
+    def _why_over(self, estimate: Estimate) -> str:
+        vx, vy = float(self.state[p.VX]), float(self.state[p.VY])
+        if not math.isfinite(vx + vy + float(self.state[p.YAW_RATE])):
+            return "state not finite"
+        if not math.isfinite(estimate.vx + estimate.vy + estimate.yaw_rate + estimate.ay):
+            return "estimate not finite"
+        if abs(math.atan2(vy, vx)) > SPIN and math.hypot(vx, vy) > SLOWEST_SPIN:
+            return "spin"
+        return "off course" if self.scenario.manoeuvre.off_course(Car(self.state)) else ""
+
+
+def rollout(scenario: Scenario, estimator: str | Estimator, controller: str | Controller, seed: int) -> Log:
+    """One whole drive. An estimator that raises ends it; the log says why.
+
+    Args:
+        scenario: What is driven.
+        estimator: What the controller sees the car through.
+        controller: Who brakes.
+        seed: Of the noise.
+    """
+    simulation, law = Simulation(scenario, estimator), CONTROLLERS.make(controller)
+    book = _Book(scenario.steps + 1)
+    ended = ""
+    demand, state = NO_BRAKE, law.init(scenario.nominal)
+    try:
+        frame = simulation.reset(seed)
+        while True:
+            demand, state = law.act(state, frame.estimate, frame.reading)
+            book.write(simulation, frame, demand)
+            if simulation.done:
+                break
+            frame = simulation.step(demand)
+    except Exception as error:  # a broken estimator is a row with its reason, not the end of a benchmark
+        ended = f"raised {type(error).__name__}: {error}"
+    return book.close(ended or simulation.ended, simulation.listener.filled)
+
+
+class _Book:
+    """Arrays for a drive's log, filled row by row."""
+
+    def __init__(self, rows: int):
+        self.rows = 0
+        self.truth = np.empty((rows, p.STATE_SIZE))
+        self.inputs, self.readings = np.empty((rows, 9)), np.empty((rows, 7))
+        self.estimate, self.cov = np.empty((rows, 5)), np.empty((rows, 3, 3))
+        self.brake, self.added, self.release = np.empty((rows, 4)), np.empty((rows, 4)), np.empty((rows, 4))
+        self.scalars = np.empty((rows, 4))  # time, hand wheel, steer, friction
+
+    def write(self, simulation: Simulation, frame: Frame, demand: BrakeDemand) -> None:
+        k = self.rows
+        self.truth[k] = simulation.state
+        self.inputs[k], self.readings[k] = frame.reading.inputs, frame.reading.y
+        self.estimate[k], self.cov[k] = frame.estimate[:5], frame.estimate.cov
+        self.brake[k], self.added[k], self.release[k] = frame.brake, demand.added, demand.release
+        self.scalars[k] = simulation.time, simulation.hand_wheel, simulation.inputs.steer, simulation.friction
+        self.rows += 1
+
+    def close(self, ended: str, filled: tuple[str, ...]) -> Log:
+        n = self.rows
+        time, hand_wheel, steer, friction = self.scalars[:n].T
+        return Log(
+            time,
+            self.truth[:n],
+            hand_wheel,
+            steer,
+            self.inputs[:n],
+            self.readings[:n],
+            self.estimate[:n],
+            self.cov[:n],
+            self.brake[:n],
+            self.added[:n],
+            self.release[:n],
+            friction,
+            ended,
+            filled,
+        )
