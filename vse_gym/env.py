@@ -1,0 +1,265 @@
+"""The Gymnasium face of the closed loop."""
+
+import math
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from vse_gym.catalogue import CONTROLLERS
+from vse_gym.controllers.allocation import allocate, geometry, largest_moment
+from vse_gym.controllers.base import Controller, NoControl
+from vse_gym.controllers.esc import StabilityControl, follow_reference
+from vse_gym.controllers.observation import Encoder
+from vse_gym.estimators.base import Estimator
+from vse_gym.listener import KNOWN_COV
+from vse_gym.manoeuvres.base import Manoeuvre
+from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
+from vse_gym.sensors import Sensors
+from vse_gym.simulation import Frame, Simulation, scenario
+from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Estimate
+
+ACTIONS = {"brakes": 4, "yaw_moment": 1}
+# The reward's weights, and the size of each error at which its term is full
+SIDESLIP, YAW_RATE, BRAKE, SPEED = 0.3, 0.2, 0.1, 0.4
+FULL_SIDESLIP, FULL_YAW_RATE = math.radians(10), math.radians(20)
+
+
+class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """A car in a standard manoeuvre; the agent brakes single wheels and sees what an estimator lets it see.
+
+    Action, in [-1, 1]:
+        ``brakes``, (4,): per wheel, a > 0 adds a times the wheel's cap, a < 0 releases |a| of the driver's torque.
+        ``yaw_moment``, (1,): times the largest moment of one side's brakes, through the allocator; positive left.
+        With a ``controller`` other than "none" the action is added to what the controller asks for.
+
+    Observation: float32 vector, see :mod:`vse_gym.controllers.observation`: the estimate with its standard
+        deviations, the road-wheel angle and the reference yaw rate; or the truth, or the readings, in their place.
+
+    Reward of a step, from true states, in [-1, 1]: 1 - 2 (
+        0.3 min(1, |sideslip|/10 deg)           the car points where it goes
+        + 0.2 min(1, |yaw rate - reference|/20 deg/s)   it turns as the driver wants
+        + 0.1 mean(torque asked for/cap)        brakes cost
+        + 0.4 min(1, speed lost/start speed))   and so does speed: standing still is no answer
+        When a drive ends early, -1 for every step that was left.
+
+    Terminated: |sideslip| > 80 deg, off course, or anything not finite. Truncated: the manoeuvre's duration.
+
+    ``info`` has the same keys and shapes at every step: truth, reading, estimate, errors, metrics, ended.
+
+    Args:
+        manoeuvre: A name from the catalogue or an instance.
+        estimator: The same.
+        vehicle: A name, a TOML file's path or a Vehicle: the true car.
+        sensors: A suite's name or Sensors.
+        friction: Of the road at the start; None: the manoeuvre's own.
+        observation: "estimate", "truth" or "reading".
+        action: "brakes" or "yaw_moment".
+        controller: Works underneath the agent.
+        nominal: What estimator and controller are told; None: this very car, friction 0.9.
+        settings: Of the manoeuvre, in SI units: speed, amplitude, ...
+
+    Raises:
+        UnknownName, ValueError, TypeError: If a name, a number or a setting cannot be; the message says what can.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+
+    def __init__(
+        self,
+        manoeuvre: str | Manoeuvre = "sine_with_dwell",
+        estimator: str | Estimator = "ekf",
+        vehicle: str | p.Vehicle = "qin2014_understeer",
+        sensors: str | Sensors = "gaussian",
+        friction: float | None = None,
+        observation: str = "estimate",
+        action: str = "brakes",
+        controller: str | Controller = "none",
+        nominal: Nominal | None = None,
+        render_mode: None = None,
+        **settings: Any,
+    ):
+        if action not in ACTIONS:
+            raise ValueError(f"action must be one of {', '.join(ACTIONS)}, not {action!r}")
+        if render_mode is not None:
+            raise ValueError(f"there is no render mode {render_mode!r}; vse-gym run --plot draws a drive")
+        if friction is not None:
+            settings["friction"] = float(friction)
+        self.render_mode = render_mode
+        self.encoder = Encoder(observation)
+        self.scenario = scenario(manoeuvre, vehicle, sensors, nominal, **settings)
+        self.simulation = Simulation(self.scenario, estimator)
+        self.controller: Controller = CONTROLLERS.make(controller)
+        self._alone = isinstance(self.controller, NoControl)
+        self.action_kind = action
+        self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS[action],), np.float32)
+        self.observation_space = spaces.Box(self.encoder.low, self.encoder.high, dtype=np.float32)
+        told = self.scenario.nominal
+        self._reference = StabilityControl().init(told).reference
+        self._caps = told.vehicle.brake_caps
+        self._geometry = geometry(told)
+        self._largest = float(largest_moment(self._geometry))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start a drive; with a seed it meets the same noise as ``rollout`` with that seed."""
+        super().reset(seed=seed)
+        frame = self.simulation.reset(int(self.np_random.integers(2**62)) if seed is None else seed)
+        self._law_state = self.controller.init(self.scenario.nominal)
+        self._seen_reference, self._true_reference = (0.0, 0.0), (0.0, 0.0)
+        self._metrics = _Metrics(self.scenario.dt, frame)
+        return self._observe(frame), self._info(frame)
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Drive on to the next reading.
+
+        Raises:
+            ValueError: If the action has the wrong shape or is not finite.
+            RuntimeError: If the drive is over.
+        """
+        demand = self._demand(self._checked(action))
+        simulation = self.simulation
+        frame = simulation.step(demand)
+        self._metrics.add(frame, demand)
+        observation = self._observe(frame)
+        reward = self._reward(frame, demand)
+        terminated = bool(simulation.ended)
+        if terminated:
+            reward -= self.scenario.steps - simulation.k
+        return observation, reward, terminated, not terminated and simulation.done, self._info(frame)
+
+    def _checked(self, action: NDArray[np.float32]) -> list[float]:
+        values = np.asarray(action, dtype=float)
+        if values.shape != self.action_space.shape:
+            raise ValueError(f"the action must have the shape {self.action_space.shape}, not {values.shape}")
+        numbers: list[float] = values.tolist()
+        if not math.isfinite(sum(numbers)):
+            raise ValueError(f"the action must be finite, not {numbers}")
+        return [min(1.0, max(-1.0, a)) for a in numbers]
+
+    def _demand(self, action: list[float]) -> BrakeDemand:
+        frame = self.simulation.frame
+        base = NO_BRAKE
+        if not self._alone:
+            base, self._law_state = self.controller.act(self._law_state, frame.estimate, frame.reading)
+        if self.action_kind == "yaw_moment":
+            estimate = frame.estimate
+            moment = action[0] * self._largest
+            added = allocate(self._geometry, moment, estimate.vx, estimate.yaw_rate, frame.reading.steer)
+            return BrakeDemand(np.minimum(base.added + added, self._caps), base.release)
+        asked = np.array(action)
+        added = np.minimum(base.added + np.maximum(asked, 0.0) * self._caps, self._caps)
+        return BrakeDemand(added, np.maximum(base.release, np.maximum(-asked, 0.0)))
+
+    def _observe(self, frame: Frame) -> NDArray[np.float32]:
+        seen = frame.estimate
+        if self.encoder.layout == "truth":
+            _, _, _, vx, vy, yaw_rate, *_, ax, ay = frame.truth.state.tolist()
+            seen = Estimate(vx, vy, yaw_rate, ax, ay, KNOWN_COV)
+        steer = frame.reading.steer
+        self._seen_reference = follow_reference(self._reference, *self._seen_reference, seen.vx, seen.ay, steer)
+        return self.encoder.encode(_finite(seen), frame.reading, self.simulation.heard, self._seen_reference[0])
+
+    def _reward(self, frame: Frame, demand: BrakeDemand) -> float:
+        _, _, _, vx, vy, yaw_rate, *_, ay = frame.truth.state.tolist()
+        steer = self.simulation.inputs.steer
+        self._true_reference = follow_reference(self._reference, *self._true_reference, vx, ay, steer)
+        start = self.scenario.manoeuvre.speed
+        cost = (
+            SIDESLIP * min(1.0, abs(math.atan2(vy, max(vx, 1.0))) / FULL_SIDESLIP)
+            + YAW_RATE * min(1.0, abs(yaw_rate - self._true_reference[0]) / FULL_YAW_RATE)
+            + BRAKE * float((demand.added / self._caps).sum()) / 4
+            + SPEED * min(1.0, max(0.0, 1 - math.hypot(vx, vy) / start))
+        )
+        return 1 - 2 * cost if math.isfinite(cost) else -1.0
+
+    def _info(self, frame: Frame) -> dict[str, Any]:
+        x, y, yaw, vx, vy, yaw_rate, *_, ax, ay = frame.truth.state.tolist()
+        estimate = frame.estimate
+        sideslip, guess = frame.truth.sideslip, estimate.sideslip
+        return {
+            "truth": {
+                "x": x,
+                "y": y,
+                "yaw": yaw,
+                "vx": vx,
+                "vy": vy,
+                "yaw_rate": yaw_rate,
+                "ax": ax,
+                "ay": ay,
+                "sideslip": sideslip,
+            },
+            "reading": {
+                "time": frame.reading.time,
+                "inputs": frame.reading.inputs.copy(),
+                "y": frame.reading.y.copy(),
+            },
+            "estimate": {
+                "vx": estimate.vx,
+                "vy": estimate.vy,
+                "yaw_rate": estimate.yaw_rate,
+                "ax": estimate.ax,
+                "ay": estimate.ay,
+                "sideslip": guess,
+                "cov": np.array(estimate.cov),
+            },
+            "errors": {
+                "vx": estimate.vx - vx,
+                "vy": estimate.vy - vy,
+                "yaw_rate": estimate.yaw_rate - yaw_rate,
+                "sideslip": guess - sideslip,
+            },
+            "metrics": self._metrics.now(frame),
+            "ended": self.simulation.ended,
+        }
+
+
+def _finite(estimate: Estimate) -> Estimate:
+    """An observation is finite whatever an estimator says; the drive has ended then."""
+    if math.isfinite(sum(estimate[:5])):
+        return estimate
+    return estimate._replace(**{k: float(np.nan_to_num(getattr(estimate, k))) for k in ("vx", "vy", "yaw_rate", "ax", "ay")})
+
+
+class _Metrics:
+    """What the drive has cost so far."""
+
+    def __init__(self, dt: float, frame: Frame):
+        self.dt, self.steps, self.start = dt, 0, math.hypot(frame.truth.vx, frame.truth.vy)
+        self.peak = self.squares = self.intervention = 0.0
+
+    def add(self, frame: Frame, demand: BrakeDemand) -> None:
+        sideslip = frame.truth.sideslip
+        self.steps += 1
+        self.peak = max(self.peak, abs(sideslip))
+        self.squares += (frame.estimate.sideslip - sideslip) ** 2
+        if demand.added is not NO_TORQUE and demand.added.any():
+            self.intervention += self.dt
+
+    def now(self, frame: Frame) -> dict[str, float]:
+        return {
+            "peak_sideslip": self.peak,
+            "sideslip_rmse": math.sqrt(self.squares / max(1, self.steps)),
+            "brake_energy": float(frame.truth.state[p.BRAKE_WORK]),
+            "speed_lost": self.start - math.hypot(frame.truth.vx, frame.truth.vy),
+            "intervention_time": self.intervention,
+        }
+
+
+IDS = {
+    "vse_gym/SineWithDwell-v0": "sine_with_dwell",
+    "vse_gym/StraightDriving-v0": "straight_driving",
+    "vse_gym/HeldSteer-v0": "held_steer",
+}
+
+
+def register_environments() -> None:
+    """Give the environments their Gymnasium ids; importing vse_gym does it."""
+    for name, manoeuvre in IDS.items():
+        gymnasium.register(name, entry_point="vse_gym.env:StabilityControlEnv", kwargs={"manoeuvre": manoeuvre})

@@ -1,0 +1,263 @@
+"""Studies: many drives, one row per run.
+
+A cell is driven once with true states per seed; that drive is heard by every estimator (shadow) and is what every
+closed-loop drive of the same seed is compared with (loop). Cells are drawn anew for every seed, alike for everybody.
+"""
+
+import math
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from vse_gym import metrics
+from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
+from vse_gym.estimators.base import Estimator
+from vse_gym.manoeuvres.base import DEG, KMH
+from vse_gym.models import Nominal
+from vse_gym.physics.parameters import Vehicle
+from vse_gym.registry import UnknownName
+from vse_gym.replay import shadow
+from vse_gym.sensors import stream, suite
+from vse_gym.simulation import Scenario, rollout
+from vse_gym.types import Log
+from vse_gym.vehicles import load
+
+if TYPE_CHECKING:
+    import polars
+
+POTENTIAL = "none"  # the row of the car without stability control: what there is to gain; never ranked
+MOST_REPLACED = 20  # a cell whose truth drive ends badly this often in a row is no cell
+
+_UNITS = {"_deg": DEG, "_kmh": KMH}  # a setting may be written in the unit of its suffix
+
+
+def si(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings with ``speed_kmh`` and ``amplitude_deg`` turned into ``speed`` [m/s] and ``amplitude`` [rad]."""
+    out: dict[str, Any] = {}
+    for key, value in settings.items():
+        unit = next((u for u in _UNITS if key.endswith(u)), "")
+        out[key.removesuffix(unit)] = value * _UNITS[unit] if unit else value
+    return out
+
+
+@dataclass(frozen=True)
+class Randomise:
+    """How a cell is drawn for each seed; nothing of it is told to estimators."""
+
+    speed: float = 0.0  # +/- [m/s]
+    steer: float = 0.0  # +/- of the hand wheel's amplitude, relative; if not zero the side is drawn too [-]
+    friction: float = 0.0  # +/- [-]
+    mass: tuple[float, float] = (1.0, 1.0)  # times
+    stiffness: tuple[float, float] = (1.0, 1.0)  # times, cornering stiffness of every tyre
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One drive of a study, as it is written down.
+
+    Raises:
+        UnknownName, TypeError, ValueError: If a name or a setting cannot be; the message says what can.
+    """
+
+    name: str
+    manoeuvre: str
+    vehicle: str = "qin2014_understeer"
+    controller: str = "esc"
+    sensors: str = "gaussian"
+    benign: bool = False  # a drive that needs no help: only needless braking counts
+    settings: Mapping[str, Any] = field(default_factory=dict)  # of the manoeuvre, SI or with a unit's suffix
+
+    def __post_init__(self) -> None:
+        CONTROLLERS[self.controller], suite(self.sensors), load(self.vehicle)
+        MANOEUVRES.make(self.manoeuvre, **si(self.settings))
+
+    def scenario(self, randomise: Randomise, seed: int) -> Scenario:
+        """The cell as one seed draws it; estimators are told what is written."""
+        written = MANOEUVRES.make(self.manoeuvre, **si(self.settings))
+        car, noise = load(self.vehicle), suite(self.sensors)
+        draw = stream(seed, f"cell/{self.name}")
+        speed, steer, friction = (draw.uniform(-1, 1) * r for r in (randomise.speed, randomise.steer, randomise.friction))
+        mass, stiffness = draw.uniform(*randomise.mass), draw.uniform(*randomise.stiffness)
+        side = draw.choice([-1.0, 1.0]) if randomise.steer else 1.0
+        changes: dict[str, Any] = {"speed": written.speed + speed, "friction": written.friction + friction}
+        known = {f.name for f in fields(written)}
+        if "amplitude" in known:
+            changes["amplitude"] = written.amplitude * side * (1 + steer)
+        if "friction_after" in known and written.friction_after is not None:
+            changes["friction_after"] = written.friction_after + friction
+        told = Nominal(car, noise.sheet, written.speed)
+        return Scenario(replace(written, **changes), _changed(car, mass, stiffness), noise, told)
+
+
+def _changed(car: Vehicle, mass: float, stiffness: float) -> Vehicle:
+    tyres = {
+        axle: tyre._replace(cornering_stiffness=tyre.cornering_stiffness * stiffness)
+        for axle, tyre in (("front_tyre", car.front_tyre), ("rear_tyre", car.rear_tyre))
+    }
+    return car._replace(mass=car.mass * mass, **tyres)
+
+
+@dataclass(frozen=True)
+class Study:
+    """Cells, how they are drawn, and who is judged."""
+
+    name: str
+    version: int
+    cells: tuple[Cell, ...]
+    seeds: int = 10
+    estimators: tuple[str, ...] = ()  # empty: all there are
+    randomise: Randomise = field(default_factory=Randomise)
+
+    @classmethod
+    def load(cls, name: str | Path) -> "Study":
+        """A study by its name, or from a TOML file.
+
+        Raises:
+            UnknownName: If there is no such study; the message names those that exist.
+            ValueError, TypeError: If the file says something that a study does not know.
+        """
+        path = Path(name) if str(name).endswith(".toml") else STUDIES / f"{name}.toml"
+        if not path.is_file():
+            known = ", ".join(study_names())
+            raise UnknownName(f"no study named {str(name)!r}; known: {known}, or the path of a .toml file")
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        draw = {k: tuple(v) if isinstance(v, list) else v for k, v in si(table.pop("randomise", {})).items()}
+        cells = tuple(Cell(**cell) for cell in table.pop("cell", ()))
+        if not cells:
+            raise ValueError(f"{path.name}: a study needs at least one [[cell]]")
+        if len({c.name for c in cells}) < len(cells):
+            raise ValueError(f"{path.name}: two cells have the same name")
+        estimators = tuple(table.pop("estimators", ()))
+        return cls(path.stem, cells=cells, estimators=estimators, randomise=Randomise(**draw), **table)
+
+
+def _studies_folder() -> Path:
+    installed = Path(__file__).parent / "studies"  # where the wheel carries them
+    return installed if installed.is_dir() else Path(__file__).parent.parent / "benchmarks" / "studies"
+
+
+STUDIES = _studies_folder()
+
+
+def study_names() -> list[str]:
+    """The studies that come with the package."""
+    return sorted(path.stem for path in STUDIES.glob("*.toml"))
+
+
+Judged = Sequence[str | Estimator] | Mapping[str, str | Estimator]
+
+
+def judged(estimators: Judged) -> dict[str, Estimator]:
+    """Estimators by the name of their row: a name of the catalogue, or of the class of an instance.
+
+    Raises:
+        UnknownName: If a name is not known.
+        ValueError: If two rows would have the same name.
+    """
+    if isinstance(estimators, Mapping):
+        return {name: ESTIMATORS.make(e) for name, e in estimators.items()}
+    rows: dict[str, Estimator] = {}
+    for e in estimators:
+        name = e if isinstance(e, str) else type(e).__name__
+        if name in rows:
+            raise ValueError(f"two estimators named {name!r}: hand in a mapping from names to estimators")
+        rows[name] = ESTIMATORS.make(e)
+    return rows
+
+
+def run_study(
+    study: Study, estimators: Judged | None = None, seeds: int | None = None, jobs: int = 1
+) -> Iterator[list[dict[str, Any]]]:
+    """Rows as they come, all those of one cell and seed together; every (cell, seed) once, in no order."""
+    rows = judged(estimators if estimators is not None else study.estimators or tuple(ESTIMATORS))
+    tasks = [(cell, seed) for seed in range(seeds or study.seeds) for cell in study.cells]
+    work = Parallel(n_jobs=jobs, return_as="generator_unordered")
+    yield from work(delayed(run_cell)(study, cell, seed, rows) for cell, seed in tasks)
+
+
+def evaluate(
+    study: Study | str, estimators: Judged | None = None, seeds: int | None = None, jobs: int = 1
+) -> "polars.DataFrame":
+    """One row per cell, seed and estimator, sorted; columns ``loop_*`` and ``shadow_*`` as :mod:`vse_gym.metrics` names them.
+
+    Args:
+        study: A study or its name.
+        estimators: Names, instances, or a mapping from row names to either; None: the study's own.
+        seeds: How many, from 0 on; None: the study's own.
+        jobs: Processes.
+    """
+    study = Study.load(study) if isinstance(study, str) else study
+    return table([row for part in run_study(study, estimators, seeds, jobs) for row in part])
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> "polars.DataFrame":
+    """Rows as a table in an order that does not depend on who finished first."""
+    import polars
+
+    return polars.DataFrame(list(rows), infer_schema_length=None).sort("cell", "seed", "estimator")
+
+
+def run_cell(study: Study, cell: Cell, seed: int, estimators: Mapping[str, Estimator]) -> list[dict[str, Any]]:
+    """All rows of one cell at one seed. A seed whose truth drive ends badly is replaced, and that is counted."""
+    for replaced in range(MOST_REPLACED):
+        used = seed + 1_000_000 * replaced
+        scenario = cell.scenario(study.randomise, used)
+        truth = rollout(scenario, "truth", cell.controller, used)
+        if not truth.ended:
+            break
+    else:
+        raise ValueError(f"cell {cell.name!r}: with true states {cell.controller} ends badly ({truth.ended}) at every seed")
+    head = {
+        "study": study.name,
+        "version": study.version,
+        "cell": cell.name,
+        "manoeuvre": cell.manoeuvre,
+        "vehicle": cell.vehicle,
+        "controller": cell.controller,
+        "sensors": cell.sensors,
+        "benign": cell.benign,
+        "seed": seed,
+        "replaced": replaced,
+    }
+    alone = rollout(scenario, "truth", "none", used)
+    rows = [head | {"estimator": POTENTIAL} | _loop(scenario, cell, alone, truth)]
+    for name, estimator in estimators.items():
+        heard = shadow(truth, estimator, scenario.nominal, used)
+        e = metrics.errors(truth.truth, heard.estimate, heard.cov, heard.nis, heard.effective_size)
+        direct = {f"shadow_{k}": v for k, v in metrics.direct(e).items()}
+        direct |= {"shadow_update_us": 1e6 * heard.seconds, "shadow_ended": heard.ended}
+        log = rollout(scenario, estimator, cell.controller, used)
+        rows.append(head | {"estimator": name} | _loop(scenario, cell, log, truth) | direct)
+    return rows
+
+
+def _loop(scenario: Scenario, cell: Cell, log: Log, truth: Log) -> dict[str, Any]:
+    """Columns of a closed-loop drive."""
+    verdict = scenario.manoeuvre.verdict(log, scenario.nominal)
+    out: dict[str, Any] = {
+        "loop_ended": log.ended,
+        "loop_filled": " ".join(log.filled),
+        "loop_passed": verdict.passed and not log.ended,
+    }
+    if not len(log.time):  # an estimator that raises on the first reading has no drive to measure
+        return out | _regret(metrics.ENDED_BADLY)
+    for name, metric in metrics.METRICS.items():
+        value, reference = metric(log), metric(truth)
+        out |= {f"loop_{name}": value, f"loop_{name}_diff": value - reference}
+        out |= {f"loop_{name}_absdiff": abs(value - reference)}
+    heading = metrics.heading_difference_deg(log, truth)
+    out |= {"loop_heading_diff_deg": heading, "loop_heading_absdiff_deg": abs(heading)}
+    out |= {"loop_path_deviation_m": metrics.path_deviation_m(log, truth)}
+    unknown = np.full(len(log.time), math.nan)
+    e = metrics.errors(log.truth, log.estimate, log.cov, unknown, unknown)
+    own = {k: v for k, v in metrics.direct(e).items() if k not in ("nis", "effective_size")}
+    return out | {f"loop_{k}": v for k, v in own.items()} | _regret(metrics.regret(log, truth, cell.benign))
+
+
+def _regret(regret: metrics.Regret) -> dict[str, float]:
+    return {"regret": regret.total} | {f"regret_{k}": v for k, v in regret._asdict().items()}

@@ -1,0 +1,103 @@
+"""A picture of one drive: where the car went, what it did, and what the controller believed of it."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vse_gym.controllers.esc import StabilityControl, follow_reference
+from vse_gym.physics import parameters as p
+from vse_gym.simulation import Scenario
+from vse_gym.types import Log
+
+WHEELS = ("front left", "front right", "rear left", "rear right")
+TRUE, SEEN, WANTED = "black", "C1", "C0"
+
+
+def reference_yaw_rate(log: Log, scenario: Scenario) -> np.ndarray:
+    """What the stability control took the driver to want, from what it saw, (T,) [rad/s]."""
+    reference = StabilityControl().init(scenario.nominal).reference
+    out, state = np.empty(len(log.time)), (0.0, 0.0)
+    for k in range(len(log.time)):
+        state = follow_reference(reference, *state, log.estimate[k, 0], log.estimate[k, 4], log.inputs[k, 0])
+        out[k] = state[0]
+    return out
+
+
+def draw(log: Log, scenario: Scenario, title: str, path: str | Path) -> None:
+    """Path, sideslip true and estimated with its 95 % band, yaw rate and reference, brakes, steering, readings.
+
+    Raises:
+        ModuleNotFoundError: If matplotlib, of the extra [report], is not installed.
+        ValueError: If the path's ending is no picture format.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 8.5), layout="constrained")
+    figure.suptitle(title, fontsize=11)
+    grid = figure.subplot_mosaic([["path", "path"], ["sideslip", "yaw"], ["brakes", "speed"], ["readings", "gyro"]])
+    _path(grid["path"], log, scenario)
+    _sideslip(grid["sideslip"], log)
+    t, deg = log.time, 180 / math.pi
+    axes = grid["yaw"]
+    axes.plot(t, deg * log.truth[:, p.YAW_RATE], color=TRUE, label="true")
+    axes.plot(t, deg * log.estimate[:, 2], color=SEEN, lw=1, label="estimated")
+    axes.plot(t, deg * reference_yaw_rate(log, scenario), "--", color=WANTED, lw=1, label="reference")
+    axes.set_ylabel("yaw rate [deg/s]")
+    axes = grid["brakes"]
+    for k, wheel in enumerate(WHEELS):
+        axes.plot(t, log.brake[:, k], lw=1, label=wheel)
+    axes.set_ylabel("brake torque [N m]")
+    axes = grid["speed"]
+    axes.plot(t, 3.6 * log.truth[:, p.VX], color=TRUE, label="true")
+    axes.plot(t, 3.6 * log.estimate[:, 0], color=SEEN, lw=1, label="estimated")
+    axes.set_ylabel("forward speed [km/h]")
+    _readings(grid["readings"], t, log.readings[:, 1], log.truth[:, p.AY], "lateral acceleration [m/s²]")
+    _readings(grid["gyro"], t, deg * log.readings[:, 2], deg * log.truth[:, p.YAW_RATE], "gyro [deg/s]")
+    for name, axes in grid.items():
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8, loc="upper right")
+        if name != "path":
+            axes.set_xlim(0, scenario.manoeuvre.duration)
+            axes.set_xlabel("time [s]", fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+def _path(axes: Any, log: Log, scenario: Scenario) -> None:
+    """The way of the centre of gravity, and the car's outline every half second."""
+    car = scenario.vehicle
+    x, y, yaw = log.truth[:, p.X], log.truth[:, p.Y], log.truth[:, p.YAW]
+    axes.plot(x, y, color=TRUE, lw=1, label="path, the car every 0.5 s")
+    nose, tail, side = car.lf + 0.8, -car.lr - 0.8, car.width / 2
+    outline = np.array([[nose, side], [nose, -side], [tail, -side], [tail, side], [nose, side]])
+    for k in range(0, len(x), max(1, round(0.5 / scenario.dt))):
+        c, s = math.cos(yaw[k]), math.sin(yaw[k])
+        turned = outline @ np.array([[c, s], [-s, c]])
+        braking = bool(log.brake[k].max() > 50)
+        axes.fill(x[k] + turned[:, 0], y[k] + turned[:, 1], color="C3" if braking else "0.5", alpha=0.5, lw=0)
+    axes.plot([], [], color="C3", alpha=0.5, lw=5, label="with brakes on")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]", fontsize=8)
+    axes.set_ylabel("y [m]")
+
+
+def _sideslip(axes: Any, log: Log) -> None:
+    deg = 180 / math.pi
+    vx, vy = log.estimate[:, 0], log.estimate[:, 1]
+    seen = np.arctan2(vy, vx)
+    square = np.maximum(vx**2 + vy**2, 1e-9)
+    slope = np.stack([-vy / square, vx / square], axis=1)
+    band = 1.96 * np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", slope, log.cov[:, :2, :2], slope), 0))
+    axes.plot(log.time, deg * log.sideslip, color=TRUE, label="true")
+    axes.plot(log.time, deg * seen, color=SEEN, lw=1, label="estimated")
+    if np.isfinite(band).any():
+        low, high = deg * (seen - band), deg * (seen + band)
+        axes.fill_between(log.time, low, high, color=SEEN, alpha=0.25, lw=0, label="its 95 % band")
+    axes.set_ylabel("sideslip [deg]")
+
+
+def _readings(axes: Any, t: np.ndarray, heard: np.ndarray, true: np.ndarray, label: str) -> None:
+    axes.plot(t, heard, ".", color="0.6", markersize=2, label="reading")
+    axes.plot(t, true, color=TRUE, lw=1, label="true")
+    axes.set_ylabel(label)

@@ -1,0 +1,154 @@
+"""Tables and figures from the table of runs, and from nothing else."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from rich.table import Table
+
+POTENTIAL = "none"
+RESAMPLES = 2000
+
+
+def _interval(regrets: list[np.ndarray]) -> tuple[float, float, float]:
+    """Mean over cells of the mean over seeds, and its bootstrap 95 % interval; seeds are drawn anew in each cell."""
+    rng = np.random.default_rng(0)
+    means = np.mean([r.mean() for r in regrets])
+    draws = np.mean([r[rng.integers(r.size, size=(RESAMPLES, r.size))].mean(axis=1) for r in regrets], axis=0)
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return float(means), float(low), float(high)
+
+
+def _share(column: str) -> pl.Expr:
+    return 100 * pl.col(column).cast(pl.Float64).mean()
+
+
+def _known(frame: pl.DataFrame, column: str) -> float:
+    """Mean of what is a number; NaN where nothing is."""
+    values = frame[column].cast(pl.Float64).drop_nulls().drop_nans() if column in frame.columns else pl.Series([])
+    return float(values.mean()) if len(values) else float("nan")  # type: ignore[arg-type]
+
+
+def summary(runs: pl.DataFrame) -> pl.DataFrame:
+    """One row per estimator, least regret first; ``none``, which is no estimator, last.
+
+    Each cell counts alike. The interval is about the seeds drawn, not about which cells a study has.
+    """
+    rows: list[dict[str, Any]] = []
+    for (name,), mine in runs.group_by("estimator"):
+        cells = [part["regret"].to_numpy() for _, part in mine.group_by("cell", maintain_order=True)]
+        mean, low, high = _interval(cells)
+        rows.append(
+            {
+                "estimator": name,
+                "regret": mean,
+                "low": low,
+                "high": high,
+                "ended_badly_percent": 100 * float((mine["loop_ended"] != "").mean()),  # type: ignore[arg-type]
+                "passed_percent": _known(mine.with_columns(p=_share("loop_passed")), "p"),
+                "peak_sideslip_deg": _known(mine, "loop_peak_sideslip_deg"),
+                "brake_energy_kJ": _known(mine, "loop_brake_energy_kJ"),
+                "sideslip_rmse_deg": _known(mine, "shadow_sideslip_rmse_deg"),
+                "vx_rmse_mps": _known(mine, "shadow_vx_rmse_mps"),
+                "coverage_percent": _known(mine, "shadow_coverage_percent"),
+                "update_us": _known(mine, "shadow_update_us"),
+            }
+        )
+    ranked = pl.DataFrame(rows).with_columns(potential=pl.col("estimator") == POTENTIAL)
+    return ranked.sort("potential", "regret", "estimator").drop("potential")
+
+
+COLUMNS: tuple[tuple[str, str, str], ...] = (
+    ("ended_badly_percent", "ended badly %", ".0f"),
+    ("passed_percent", "verdict passed %", ".0f"),
+    ("peak_sideslip_deg", "peak sideslip deg", ".1f"),
+    ("brake_energy_kJ", "brake energy kJ", ".0f"),
+    ("sideslip_rmse_deg", "shadow: sideslip RMSE deg", ".2f"),
+    ("vx_rmse_mps", "shadow: vx RMSE m/s", ".3f"),
+    ("coverage_percent", "in the 95 % band %", ".0f"),
+    ("update_us", "us per update", ".1f"),
+)
+
+
+def cells_of(summarised: pl.DataFrame) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of the summary as text."""
+    heads = ["estimator", "regret", "95 % interval", *(head for _, head, _ in COLUMNS)]
+    rows = []
+    for row in summarised.iter_rows(named=True):
+        name = row["estimator"] + (" (potential)" if row["estimator"] == POTENTIAL else "")
+        numbers = [_text(row[key], spec) for key, _, spec in COLUMNS]
+        rows.append([name, _text(row["regret"], ".2f"), f"{row['low']:.2f} to {row['high']:.2f}", *numbers])
+    return heads, rows
+
+
+def by_cell(runs: pl.DataFrame) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of mean regret per estimator and cell, as text, in the summary's order."""
+    order = summary(runs)["estimator"].to_list()
+    cells = runs["cell"].unique().sort().to_list()
+    mean = {(e, c): r for e, c, r in runs.group_by("estimator", "cell").agg(pl.col("regret").mean()).iter_rows()}
+    return ["regret", *cells], [[e, *(_text(mean.get((e, c)), ".2f") for c in cells)] for e in order]
+
+
+def _text(value: float | None, spec: str) -> str:
+    return "-" if value is None or value != value else format(value, spec)
+
+
+def on_screen(heads: list[str], rows: list[list[str]], title: str) -> Table:
+    """A table for rich."""
+    out = Table(title=title, title_justify="left")
+    for k, head in enumerate(heads):
+        out.add_column(head, justify="left" if k == 0 else "right", no_wrap=k == 0)
+    for row in rows:
+        out.add_row(*row)
+    return out
+
+
+def markdown(heads: list[str], rows: list[list[str]]) -> str:
+    """The same as Markdown."""
+    lines = [heads, ["---"] + ["---:"] * (len(heads) - 1), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def regret_figure(runs: pl.DataFrame, path: Path) -> None:
+    """Regret per cell and estimator, every seed a dot; needs the extra [report].
+
+    Raises:
+        ModuleNotFoundError: If matplotlib is not installed.
+    """
+    from matplotlib.figure import Figure
+
+    order = [e for e in summary(runs)["estimator"].to_list() if e != "truth"][::-1]
+    cells = runs["cell"].unique().sort().to_list()
+    figure = Figure(figsize=(3.2 * len(cells) + 1.5, 0.38 * len(order) + 1.4), layout="constrained")
+    for k, (cell, axes) in enumerate(zip(cells, np.atleast_1d(figure.subplots(1, len(cells), sharey=True)), strict=True)):
+        for at, name in enumerate(order):
+            values = runs.filter((pl.col("cell") == cell) & (pl.col("estimator") == name))["regret"].to_numpy()
+            colour = "0.6" if name == POTENTIAL else "C0"
+            axes.barh(at, values.mean(), color=colour, alpha=0.35)
+            axes.plot(values, np.full(values.size, at), ".", color=colour, markersize=4)
+        axes.set_title(cell, fontsize=9)
+        axes.set_xlim(0, 14.3)
+        axes.grid(axis="x", alpha=0.3)
+        if k == 0:
+            axes.set_yticks(range(len(order)), order)
+    figure.supxlabel("regret against the drive with true states (0 to 14); dots are seeds, bars their mean", fontsize=9)
+    figure.savefig(path, dpi=130)
+
+
+def write(runs: pl.DataFrame, folder: Path, command: str) -> None:
+    """The table of runs, the summary as Markdown, and a figure if matplotlib is there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    runs.write_parquet(folder / "runs.parquet")
+    seeds, cells = runs["seed"].n_unique(), runs["cell"].n_unique()
+    text = [
+        f"`{command}`: {cells} cells, {seeds} seeds.\n",
+        markdown(*cells_of(summary(runs))),
+        "Regret by cell:\n",
+        markdown(*by_cell(runs)),
+    ]
+    (folder / "table.md").write_text("\n".join(text), encoding="utf-8")
+    try:
+        regret_figure(runs, folder / "regret.png")
+    except ModuleNotFoundError:  # the extra [report] is not installed: tables alone
+        pass
