@@ -1,6 +1,5 @@
 """The command line: list, run, bench."""
 
-import math
 import sys
 import time
 from pathlib import Path
@@ -68,13 +67,12 @@ def run(
 ) -> None:
     """Drive once and say how it went; with --plot, draw it."""
     from vse_gym import metrics
+    from vse_gym.manoeuvres.base import si
     from vse_gym.simulation import rollout, scenario
 
-    given = {"friction": friction}
-    given["speed"] = speed_kmh / 3.6 if speed_kmh is not None else None
-    given["amplitude"] = math.radians(amplitude_deg) if amplitude_deg is not None else None
+    given: dict[str, Any] = {"friction": friction, "speed_kmh": speed_kmh, "amplitude_deg": amplitude_deg}
     try:
-        drive = scenario(manoeuvre, vehicle, sensors, **{k: v for k, v in given.items() if v is not None})
+        drive = scenario(manoeuvre, vehicle, sensors, **si({k: v for k, v in given.items() if v is not None}))
         log = rollout(drive, estimator, controller, seed)
     except (KeyError, ValueError, TypeError) as error:
         raise _refuse(error) from None
@@ -90,8 +88,8 @@ def run(
         table.add_row(name, f"{metric(log):.2f}", "")
     screen.print(table)
     passed = verdict.passed and not log.ended
-    screen.print(f"verdict: {'[green]passed[/green]' if passed else '[red]failed[/red]'}"
-                 + (f", ended after {log.time[-1]:.2f} s: {log.ended}" if log.ended else ""))
+    early = f", ended after {log.time[-1]:.2f} s: {log.ended}" if log.ended else ""
+    screen.print(f"verdict: {'[green]passed[/green]' if passed else '[red]failed[/red]'}{early}")
     if plot is not None:
         from vse_gym.picture import draw
 
@@ -113,19 +111,26 @@ def bench(
     out: Annotated[Path | None, typer.Option(help="Folder for the table of runs, the summary and the figure.")] = None,
 ) -> None:
     """Drive a study and print its table, least regret first."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     from vse_gym import report
     from vse_gym.evaluation import Study, run_study, table
 
     names = [name.strip() for name in estimators.split(",") if name.strip()] or None
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     rows: list[dict[str, Any]] = []
     begin, stopped = time.perf_counter(), False
     try:
         plan = Study.load(study)
         work = run_study(plan, names, seeds, jobs)
-        with Progress(*columns, console=screen, transient=True) as progress:
+        with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=screen, transient=True) as progress:
             task = progress.add_task(f"{plan.name}: cells x seeds", total=len(plan.cells) * (seeds or plan.seeds))
             for part in work:
                 rows += part
@@ -139,7 +144,8 @@ def bench(
     runs = table(rows)
     screen.print(report.on_screen(*report.cells_of(report.summary(runs)), title=f"{plan.name}, version {plan.version}"))
     screen.print(report.on_screen(*report.by_cell(runs), title="by cell"))
-    screen.print(f"{len(rows)} runs in {time.perf_counter() - begin:.1f} s" + (", [red]stopped early[/red]" if stopped else ""))
+    note = ", [red]stopped early[/red]" if stopped else ""
+    screen.print(f"{len(rows)} runs in {time.perf_counter() - begin:.1f} s{note}")
     if out is not None:
         report.write(runs, out, " ".join(["vse-gym", *sys.argv[1:]]))
         screen.print(f"written: {out}")

@@ -21,6 +21,7 @@ from numba.extending import overload
 P = ParamSpec("P")
 R = TypeVar("R")
 
+config: Any = numba.config  # numba has no types of its own
 _PACKAGE = Path(__file__).parent
 _dispatchers: list[Any] = []  # every kernel of the package, to be given a new cache folder when the digest changes
 
@@ -40,7 +41,9 @@ _digest = _package_digest()
 
 def cache_folder() -> Path:
     """Where machine code is kept: below $VSE_GYM_CACHE, else below the user's cache folder."""
-    base = os.environ.get("VSE_GYM_CACHE") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vse-gym"
+    base = (
+        os.environ.get("VSE_GYM_CACHE") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vse-gym"
+    )
     return Path(base) / f"kernels-{_digest}"
 
 
@@ -48,14 +51,14 @@ def _enable_cache(dispatcher: Any) -> None:
     """Point one kernel's cache at the digest's folder; without a writable folder it compiles in every process."""
     if not hasattr(dispatcher, "enable_caching"):  # NUMBA_DISABLE_JIT=1 hands plain functions back
         return
-    previous = numba.config.CACHE_DIR  # numba reads the setting once, here, when the cache is attached
-    numba.config.CACHE_DIR = str(cache_folder())
+    previous = config.CACHE_DIR  # numba reads the setting once, here, when the cache is attached
+    config.CACHE_DIR = str(cache_folder())
     try:
         dispatcher.enable_caching()
     except (OSError, RuntimeError):  # read-only home, full disk
         pass
     finally:
-        numba.config.CACHE_DIR = previous
+        config.CACHE_DIR = previous
 
 
 def _is_ours(function: Callable[..., Any]) -> bool:
@@ -128,7 +131,7 @@ def generic(declaration: Callable[P, R]) -> Any:
     @overload(dispatch)
     def choose(first, *rest):  # numba compares this signature, annotations too, with the one returned
         if isinstance(first, types.BaseNamedTuple):
-            body = table.body(first.instance_class)
+            body = table.body(first.instance_class)  # type: ignore[attr-defined]
             return lambda first, *rest: body(first, *rest)
         return None
 

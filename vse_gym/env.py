@@ -1,7 +1,7 @@
 """The Gymnasium face of the closed loop."""
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -20,7 +20,7 @@ from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.sensors import Sensors
 from vse_gym.simulation import Frame, Simulation, scenario
-from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Estimate
+from vse_gym.types import NO_BRAKE, NO_TORQUE, BrakeDemand, Estimate
 
 ACTIONS = {"brakes": 4, "yaw_moment": 1}
 # The reward's weights, and the size of each error at which its term is full
@@ -63,10 +63,10 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         settings: Of the manoeuvre, in SI units: speed, amplitude, ...
 
     Raises:
-        UnknownName, ValueError, TypeError: If a name, a number or a setting cannot be; the message says what can.
+        UnknownNameError, ValueError, TypeError: If a name, a number or a setting cannot be; the message says what can.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  as Gymnasium declares it
 
     def __init__(
         self,
@@ -114,9 +114,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         self._metrics = _Metrics(self.scenario.dt, frame)
         return self._observe(frame), self._info(frame)
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Drive on to the next reading.
 
         Raises:
@@ -224,7 +222,8 @@ def _finite(estimate: Estimate) -> Estimate:
     """An observation is finite whatever an estimator says; the drive has ended then."""
     if math.isfinite(sum(estimate[:5])):
         return estimate
-    return estimate._replace(**{k: float(np.nan_to_num(getattr(estimate, k))) for k in ("vx", "vy", "yaw_rate", "ax", "ay")})
+    vx, vy, yaw_rate, ax, ay = np.nan_to_num(estimate[:5]).tolist()
+    return Estimate(vx, vy, yaw_rate, ax, ay, estimate.cov)
 
 
 class _Metrics:

@@ -17,10 +17,10 @@ from joblib import Parallel, delayed
 from vse_gym import metrics
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
 from vse_gym.estimators.base import Estimator
-from vse_gym.manoeuvres.base import DEG, KMH
+from vse_gym.manoeuvres.base import si
 from vse_gym.models import Nominal
 from vse_gym.physics.parameters import Vehicle
-from vse_gym.registry import UnknownName
+from vse_gym.registry import UnknownNameError
 from vse_gym.replay import shadow
 from vse_gym.sensors import stream, suite
 from vse_gym.simulation import Scenario, rollout
@@ -32,17 +32,6 @@ if TYPE_CHECKING:
 
 POTENTIAL = "none"  # the row of the car without stability control: what there is to gain; never ranked
 MOST_REPLACED = 20  # a cell whose truth drive ends badly this often in a row is no cell
-
-_UNITS = {"_deg": DEG, "_kmh": KMH}  # a setting may be written in the unit of its suffix
-
-
-def si(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings with ``speed_kmh`` and ``amplitude_deg`` turned into ``speed`` [m/s] and ``amplitude`` [rad]."""
-    out: dict[str, Any] = {}
-    for key, value in settings.items():
-        unit = next((u for u in _UNITS if key.endswith(u)), "")
-        out[key.removesuffix(unit)] = value * _UNITS[unit] if unit else value
-    return out
 
 
 @dataclass(frozen=True)
@@ -61,7 +50,7 @@ class Cell:
     """One drive of a study, as it is written down.
 
     Raises:
-        UnknownName, TypeError, ValueError: If a name or a setting cannot be; the message says what can.
+        UnknownNameError, TypeError, ValueError: If a name or a setting cannot be; the message says what can.
     """
 
     name: str
@@ -81,7 +70,8 @@ class Cell:
         written = MANOEUVRES.make(self.manoeuvre, **si(self.settings))
         car, noise = load(self.vehicle), suite(self.sensors)
         draw = stream(seed, f"cell/{self.name}")
-        speed, steer, friction = (draw.uniform(-1, 1) * r for r in (randomise.speed, randomise.steer, randomise.friction))
+        ranges = (randomise.speed, randomise.steer, randomise.friction)
+        speed, steer, friction = (draw.uniform(-r, r) for r in ranges)
         mass, stiffness = draw.uniform(*randomise.mass), draw.uniform(*randomise.stiffness)
         side = draw.choice([-1.0, 1.0]) if randomise.steer else 1.0
         changes: dict[str, Any] = {"speed": written.speed + speed, "friction": written.friction + friction}
@@ -118,15 +108,17 @@ class Study:
         """A study by its name, or from a TOML file.
 
         Raises:
-            UnknownName: If there is no such study; the message names those that exist.
+            UnknownNameError: If there is no such study; the message names those that exist.
             ValueError, TypeError: If the file says something that a study does not know.
         """
         path = Path(name) if str(name).endswith(".toml") else STUDIES / f"{name}.toml"
         if not path.is_file():
             known = ", ".join(study_names())
-            raise UnknownName(f"no study named {str(name)!r}; known: {known}, or the path of a .toml file")
+            raise UnknownNameError(f"no study named {str(name)!r}; known: {known}, or the path of a .toml file")
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-        draw = {k: tuple(v) if isinstance(v, list) else v for k, v in si(table.pop("randomise", {})).items()}
+        draw: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in si(table.pop("randomise", {})).items()
+        }
         cells = tuple(Cell(**cell) for cell in table.pop("cell", ()))
         if not cells:
             raise ValueError(f"{path.name}: a study needs at least one [[cell]]")
@@ -156,7 +148,7 @@ def judged(estimators: Judged) -> dict[str, Estimator]:
     """Estimators by the name of their row: a name of the catalogue, or of the class of an instance.
 
     Raises:
-        UnknownName: If a name is not known.
+        UnknownNameError: If a name is not known.
         ValueError: If two rows would have the same name.
     """
     if isinstance(estimators, Mapping):
@@ -183,7 +175,7 @@ def run_study(
 def evaluate(
     study: Study | str, estimators: Judged | None = None, seeds: int | None = None, jobs: int = 1
 ) -> "polars.DataFrame":
-    """One row per cell, seed and estimator, sorted; columns ``loop_*`` and ``shadow_*`` as :mod:`vse_gym.metrics` names them.
+    """One row per cell, seed and estimator, sorted; columns ``loop_*`` and ``shadow_*``, see :mod:`vse_gym.metrics`.
 
     Args:
         study: A study or its name.
@@ -211,7 +203,8 @@ def run_cell(study: Study, cell: Cell, seed: int, estimators: Mapping[str, Estim
         if not truth.ended:
             break
     else:
-        raise ValueError(f"cell {cell.name!r}: with true states {cell.controller} ends badly ({truth.ended}) at every seed")
+        why = f"with true states {cell.controller} ends badly ({truth.ended}) at every seed"
+        raise ValueError(f"cell {cell.name!r}: {why}")
     head = {
         "study": study.name,
         "version": study.version,
@@ -229,7 +222,7 @@ def run_cell(study: Study, cell: Cell, seed: int, estimators: Mapping[str, Estim
     for name, estimator in estimators.items():
         heard = shadow(truth, estimator, scenario.nominal, used)
         e = metrics.errors(truth.truth, heard.estimate, heard.cov, heard.nis, heard.effective_size)
-        direct = {f"shadow_{k}": v for k, v in metrics.direct(e).items()}
+        direct: dict[str, Any] = {f"shadow_{k}": v for k, v in metrics.direct(e).items()}
         direct |= {"shadow_update_us": 1e6 * heard.seconds, "shadow_ended": heard.ended}
         log = rollout(scenario, estimator, cell.controller, used)
         rows.append(head | {"estimator": name} | _loop(scenario, cell, log, truth) | direct)

@@ -51,7 +51,7 @@ class Listener:
         if yaw_rate == yaw_rate and ax == ax and ay == ay:
             return estimate
         fill = {"yaw_rate": heard[Y_YAW_RATE], "ax": heard[Y_AX], "ay": heard[Y_AY]}
-        missing = {k: float(v) for k, v in fill.items() if getattr(estimate, k) != getattr(estimate, k)}
+        missing: dict[str, Any] = {k: float(v) for k, v in fill.items() if getattr(estimate, k) != getattr(estimate, k)}
         self.filled = tuple(missing)
         return estimate._replace(**missing)
 

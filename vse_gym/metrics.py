@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vse_gym.physics import parameters as p
 from vse_gym.types import Array, Log
@@ -59,7 +60,7 @@ def _largest(x: Array) -> float:
 
 def nees(e: Errors) -> float:
     """Mean normalised estimation error squared of vx, vy, yaw rate, over 3: 1 for a consistent filter."""
-    usable = np.isfinite(e.cov).all(axis=(1, 2)) & np.isfinite(e.motion).all(axis=1)
+    usable: NDArray[np.bool_] = np.all(np.isfinite(e.cov), axis=(1, 2)) & np.all(np.isfinite(e.motion), axis=1)
     spread = np.linalg.eigvalsh(e.cov[usable])
     usable[usable] = spread[:, 0] > 1e-12 * spread[:, -1]  # not the truth's, nor one collapsed onto a particle
     if not usable.any():
@@ -111,7 +112,7 @@ def direct(e: Errors) -> dict[str, float | bool]:
 
 def peak_sideslip_deg(log: Log) -> float:
     """Largest |sideslip| above walking pace."""
-    moving = np.hypot(log.truth[:, p.VX], log.truth[:, p.VY]) > SLOW
+    moving = np.asarray(np.hypot(log.truth[:, p.VX], log.truth[:, p.VY]) > SLOW)
     return math.degrees(np.max(np.abs(log.sideslip[moving]), initial=0.0))
 
 
@@ -133,8 +134,8 @@ def speed_lost_mps(log: Log) -> float:
 
 def intervention_s(log: Log) -> float:
     """Time during which the stability control asked for something."""
-    asks = (log.added > 0).any(axis=1) | (log.release > 0).any(axis=1)
-    return float(np.sum(asks[:-1] * np.diff(log.time)))
+    asks = np.any((log.added > 0) | (log.release > 0), axis=1)
+    return float(np.sum(np.diff(log.time), where=asks[:-1]))
 
 
 METRICS: dict[str, Callable[[Log], float]] = {

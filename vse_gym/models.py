@@ -158,7 +158,17 @@ def _held(model, u):
     limit_front, limit_rear = model.friction * load_front + 1e-9, model.friction * load_rear + 1e-9
     left_front = math.sqrt(max(0.01, 1 - (front / limit_front) ** 2))
     left_rear = math.sqrt(max(0.01, 1 - (rear / limit_rear) ** 2))
-    return cos_steer, sin_steer, front, rear, moment * model.brake_moment, limit_front, limit_rear, left_front, left_rear
+    return (
+        cos_steer,
+        sin_steer,
+        front,
+        rear,
+        moment * model.brake_moment,
+        limit_front,
+        limit_rear,
+        left_front,
+        left_rear,
+    )
 
 
 @compiled

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 T = TypeVar("T")
 
 
-class UnknownName(KeyError):
+class UnknownNameError(KeyError):
     """A name that no registry entry has; the message says which names there are."""
 
     def __str__(self) -> str:
@@ -35,7 +35,7 @@ class Registry(Mapping[str, type[T]], Generic[T]):
     def __getitem__(self, name: str) -> type[T]:
         paths = self._paths()
         if name not in paths:
-            raise UnknownName(f"no {self.kind} named {name!r}; known: {', '.join(paths)}")
+            raise UnknownNameError(f"no {self.kind} named {name!r}; known: {', '.join(paths)}")
         found: type[T] = resolve_name(paths[name])
         return found
 
@@ -49,7 +49,7 @@ class Registry(Mapping[str, type[T]], Generic[T]):
         """The instance itself, or one of the class with that name and these settings.
 
         Raises:
-            UnknownName: If no class has that name.
+            UnknownNameError: If no class has that name.
             TypeError: If the class has no such setting, or settings come with an instance.
         """
         if isinstance(thing, str):

@@ -1,5 +1,6 @@
 """Tables and figures from the table of runs, and from nothing else."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +122,8 @@ def regret_figure(runs: pl.DataFrame, path: Path) -> None:
     order = [e for e in summary(runs)["estimator"].to_list() if e != "truth"][::-1]
     cells = runs["cell"].unique().sort().to_list()
     figure = Figure(figsize=(3.2 * len(cells) + 1.5, 0.38 * len(order) + 1.4), layout="constrained")
-    for k, (cell, axes) in enumerate(zip(cells, np.atleast_1d(figure.subplots(1, len(cells), sharey=True)), strict=True)):
+    frames = np.atleast_1d(figure.subplots(1, len(cells), sharey=True))
+    for k, (cell, axes) in enumerate(zip(cells, frames, strict=True)):
         for at, name in enumerate(order):
             values = runs.filter((pl.col("cell") == cell) & (pl.col("estimator") == name))["regret"].to_numpy()
             colour = "0.6" if name == POTENTIAL else "C0"
@@ -148,7 +150,5 @@ def write(runs: pl.DataFrame, folder: Path, command: str) -> None:
         markdown(*by_cell(runs)),
     ]
     (folder / "table.md").write_text("\n".join(text), encoding="utf-8")
-    try:
+    with suppress(ModuleNotFoundError):  # without the extra [report], tables alone
         regret_figure(runs, folder / "regret.png")
-    except ModuleNotFoundError:  # the extra [report] is not installed: tables alone
-        pass

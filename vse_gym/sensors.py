@@ -13,7 +13,7 @@ import numpy as np
 from vse_gym.compiled import compiled
 from vse_gym.models import DataSheet
 from vse_gym.physics import parameters as p
-from vse_gym.registry import UnknownName
+from vse_gym.registry import UnknownNameError
 from vse_gym.types import CHANNELS, U_BRAKE, U_DRIVE, U_STEER, Array
 
 DEG = np.pi / 180
@@ -168,10 +168,10 @@ def suite(sensors: str | Sensors) -> Sensors:
     """A set of sensors by its name, or as it is.
 
     Raises:
-        UnknownName: If no suite has that name; the message names those that exist.
+        UnknownNameError: If no suite has that name; the message names those that exist.
     """
     if isinstance(sensors, Sensors):
         return sensors
     if sensors not in SUITES:
-        raise UnknownName(f"no sensor suite named {sensors!r}; known: {', '.join(SUITES)}")
+        raise UnknownNameError(f"no sensor suite named {sensors!r}; known: {', '.join(SUITES)}")
     return SUITES[sensors]

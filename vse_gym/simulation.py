@@ -82,7 +82,7 @@ def scenario(
         settings: Of the manoeuvre, in SI units: speed, friction, amplitude, ...
 
     Raises:
-        UnknownName: If a name is not known.
+        UnknownNameError: If a name is not known.
         TypeError: If the manoeuvre has no such setting.
     """
     car, noise = load(vehicle), suite(sensors)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vse_gym.inference.model import Gaussian
 from vse_gym.physics import parameters as p
 
-__all__ = ["Array", "BrakeDemand", "Car", "Driver", "Estimate", "Gaussian", "Reading", "NO_BRAKE", "UNKNOWN_COV"]
+__all__ = ["NO_BRAKE", "UNKNOWN_COV", "Array", "BrakeDemand", "Car", "Driver", "Estimate", "Gaussian", "Reading"]
 
 Array = NDArray[np.float64]
 NAN = float("nan")

@@ -48,7 +48,7 @@ class Truth(Estimator):
 
 @dataclass(frozen=True)
 class TruthVelocity(Truth):
-    """True vx and vy; yaw rate and ay as the sensors say: a perfect sideslip estimator that does not filter the gyro."""
+    """True vx and vy; yaw rate and ay from the sensors: perfect sideslip, an unfiltered gyro."""
 
     fields: tuple[str, ...] = ("vx", "vy")
 

@@ -37,7 +37,8 @@ def observe(model, states, u):
 @generic
 def attend(model, memory, u, y):
     """Which channels to believe, and how far: noise variances (m,), NaN where a channel is not to be used, and the
-    memory one step on. A channel whose reading is NaN must come back as NaN."""
+    memory one step on. A channel whose reading is NaN must come back as NaN.
+    """
 
 
 @generic

@@ -69,7 +69,7 @@ def cauchy_gaussian_density(z, share):
 
 @compiled
 def log_likelihood(expected, y, variances, share):
-    """Log density (N,) of reading y (m,) at the expected readings (m, N), up to a constant; NaN variances add nothing."""
+    """Log density (N,) of reading y (m,) where (m, N) is expected, up to a constant; NaN variances add nothing."""
     size = expected.shape[1]
     total = np.zeros(size)
     for i in range(y.size):

@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -11,6 +12,18 @@ from vse_gym.types import Array, Car, Driver, Log
 
 DEG = math.pi / 180
 KMH = 1 / 3.6
+
+
+_UNITS = {"_deg": DEG, "_kmh": KMH}  # a setting may be written in the unit of its suffix
+
+
+def si(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings with ``speed_kmh`` and ``amplitude_deg`` turned into ``speed`` [m/s] and ``amplitude`` [rad]."""
+    out: dict[str, Any] = {}
+    for key, value in settings.items():
+        unit = next((u for u in _UNITS if key.endswith(u)), "")
+        out[key.removesuffix(unit)] = value * _UNITS[unit] if unit else value
+    return out
 
 
 class Criterion(NamedTuple):

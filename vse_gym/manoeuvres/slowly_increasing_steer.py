@@ -1,6 +1,5 @@
 """Slowly increasing steer: how much hand wheel a car needs for 0.3 g, which scales the sine with dwell."""
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -3,9 +3,8 @@
 The unit sees the *estimated* speeds only. It is the car's ABS too, so it works without any stability control.
 """
 
-from typing import NamedTuple
-
 import math
+from typing import NamedTuple
 
 import numpy as np
 

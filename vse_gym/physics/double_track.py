@@ -147,7 +147,8 @@ def pull(road, distance):
 @compiled
 def brake_direction(speed, net, brake):
     """Sign of the brake's torque on a wheel: against its turning; of a standing wheel, against ``net``, the torque of
-    the rest [N m], or 0 if the brake holds it."""
+    the rest [N m], or 0 if the brake holds it.
+    """
     if speed > 0:
         return 1.0
     if speed < 0:

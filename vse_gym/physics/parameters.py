@@ -92,7 +92,7 @@ class Vehicle(NamedTuple):
     def understeer_gradient(self) -> float:
         """K in yaw rate = v steer/(l + K v^2) at small slip [rad s2/m]; negative: the car oversteers."""
         front, rear = 2 * self.front_tyre.cornering_stiffness, 2 * self.rear_tyre.cornering_stiffness
-        return self.mass * (self.lr * rear - self.lf * front) / (self.wheelbase * front * rear)
+        return float(self.mass * (self.lr * rear - self.lf * front) / (self.wheelbase * front * rear))
 
     @property
     def critical_speed(self) -> float:

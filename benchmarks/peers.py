@@ -1,0 +1,290 @@
+"""The peers' half of speed.py, run in their own virtual environment with this package's source on PYTHONPATH.
+
+Started with the path of a pickled drive (model, inputs, readings), it reads one request a line from standard input, a
+JSON list of a name in REQUESTS and its arguments, and answers each with one line of JSON. So it lives on while
+speed.py alternates between its own measurements and those here.
+
+The peers are given every advantage that their structure allows. The model is this package's, compiled; all points of a
+stencil and all sigma points go through it in one call; a call from Python does as much of the model's work as fits
+between two calls of the library. What is left is the libraries' own.
+"""
+
+import contextlib
+import json
+import math
+import pickle
+import sys
+import time
+from importlib.metadata import version
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from filterpy.monte_carlo import systematic_resample
+
+from vse_gym.compiled import compiled
+from vse_gym.inference.gaussian import _jacobian, _stencil
+from vse_gym.inference.model import advance, attend, observe
+from vse_gym.models import BRAKING, SLOWEST
+from vse_gym.physics.parameters import GRAVITY
+from vse_gym.physics.tyres import KNOT
+
+STEP = 6e-6  # of the central differences, as in vse_gym.inference.gaussian.Extended
+model, inputs, readings = pickle.loads(Path(sys.argv[1]).read_bytes())
+
+
+# -- filterpy's extended Kalman filter ------------------------------------------------------------------------------
+
+
+@compiled
+def advance_linearised(model, mean, u, step):
+    """The mean one step on (n,), and the Jacobian there (n, n)."""
+    columns = _stencil(mean, step)
+    values = advance(model, columns, u)
+    return values[:, 0].copy(), _jacobian(columns, values)
+
+
+@compiled
+def observe_linearised(model, memory, mean, u, y, step):
+    """Of the channels to be believed: reading, expected reading, Jacobian, noise covariance; and the memory."""
+    variances, memory = attend(model, memory, u, y)
+    used = np.nonzero(~np.isnan(variances))[0]
+    columns = _stencil(mean, step)
+    values = observe(model, columns, u)[used]
+    return y[used], values[:, 0].copy(), _jacobian(columns, values), np.diag(variances[used]), memory
+
+
+class Extended(ExtendedKalmanFilter):
+    """filterpy's, with the nonlinear prediction that its documentation leaves to a subclass."""
+
+    def predict_x(self, u=0):
+        """Set the mean and the transition matrix; filterpy's ``predict`` does the covariance."""
+        self.x, self.F = advance_linearised(model, self.x, u, STEP)
+
+
+def drive_extended():
+    """Means (T, 3) and covariances (T, 3, 3) of the recorded drive."""
+    kalman = Extended(dim_x=3, dim_z=7)
+    kalman.x, kalman.P, kalman.Q = model.prior_mean, model.prior_cov, model.process_cov
+    memory, means, covs = model.memory, np.empty((len(readings), 3)), np.empty((len(readings), 3, 3))
+    for k, (u, y) in enumerate(zip(inputs, readings, strict=True)):
+        kalman.predict(u)
+        z, expected, jacobian, noise, memory = observe_linearised(model, memory, kalman.x, u, y, STEP)
+        kalman.update(z, lambda _, j=jacobian: j, lambda _, e=expected: e, noise)
+        means[k], covs[k] = kalman.x, kalman.P
+    return means, covs
+
+
+# -- filterpy's unscented Kalman filter -----------------------------------------------------------------------------
+
+
+@compiled
+def advance_rows(model, points, u):
+    """Sigma points as rows (2n + 1, n), one step on."""
+    return advance(model, points.T.copy(), u).T.copy()
+
+
+@compiled
+def observe_rows(model, memory, points, u, y):
+    """Of the channels to be believed: reading, expected reading of each point, noise covariance; and the memory."""
+    variances, memory = attend(model, memory, u, y)
+    used = np.nonzero(~np.isnan(variances))[0]
+    return y[used], observe(model, points.T.copy(), u)[used].T.copy(), np.diag(variances[used]), memory
+
+
+class Unscented(UnscentedKalmanFilter):
+    """filterpy's, with all sigma points through the model in one call instead of one call each."""
+
+    def compute_process_sigmas(self, dt, fx=None, **fx_args):
+        """Draw the points and advance them."""
+        self.sigmas_f = advance_rows(model, self.points_fn.sigma_points(self.x, self.P), fx_args["u"])
+
+
+def drive_unscented():
+    """Means (T, 3) and covariances (T, 3, 3) of the recorded drive."""
+    kalman = Unscented(3, 7, model.dt, None, None, MerweScaledSigmaPoints(3, alpha=1.0, beta=2.0, kappa=0.0))
+    kalman.x, kalman.P, kalman.Q = model.prior_mean, model.prior_cov, model.process_cov
+    memory, means, covs = model.memory, np.empty((len(readings), 3)), np.empty((len(readings), 3, 3))
+    for k, (u, y) in enumerate(zip(inputs, readings, strict=True)):
+        kalman.predict(u=u)
+        z, rows, noise, memory = observe_rows(model, memory, kalman.sigmas_f, u, y)
+        # update() asks for the points' readings one by one, in their order
+        kalman.update(z, noise, hx=lambda _, expected=iter(rows): next(expected))
+        means[k], covs[k] = kalman.x, kalman.P
+    return means, covs
+
+
+# -- a bootstrap particle filter in NumPy ---------------------------------------------------------------------------
+
+
+def held(u):
+    """As in vse_gym.models: what the inputs alone determine, so that it is computed once for all particles."""
+    steer, brake, drive = float(u[0]), u[1:5].tolist(), u[5:9].tolist()
+    wished = [(d - b) / model.wheel_radius for d, b in zip(drive, brake, strict=True)]
+    weight = model.mass * GRAVITY
+    total = max(-model.friction * weight, min(model.friction * weight, sum(wished)))
+    load_front = max(0.0, (weight * model.lr - total * model.height) / (model.lf + model.lr))
+    loads = (load_front, load_front, weight - load_front, weight - load_front)
+    fl, fr, rl, rr = (
+        max(-0.5 * model.friction * load, min(0.5 * model.friction * load, force))
+        for load, force in zip(loads, wished, strict=True)
+    )
+    cos, sin = math.cos(steer), math.sin(steer)
+    moment = 0.5 * (model.track_front * (fr - fl) * cos + model.track_rear * (rr - rl)) * model.brake_moment
+    limits = [model.friction * load + 1e-9 for load in loads[1:3]]
+    left = [math.sqrt(max(0.01, 1 - (f / m) ** 2)) for f, m in zip((fl + fr, rl + rr), limits, strict=True)]
+    return cos, sin, fl + fr, rl + rr, moment, limits, left
+
+
+def lateral(tan_alpha, stiffness, limit, left):
+    """Lateral force of an axle, (N,)."""
+    theta = stiffness / limit * tan_alpha
+    t = np.minimum(np.abs(theta), KNOT)
+    return np.copysign(limit * left * t * (1 - t * (0.0668 + 0.1032 * t)), theta)
+
+
+def forces(given, vx, vy, r):
+    """Specific forces and yaw acceleration of all particles, three times (N,)."""
+    cos, sin, front, rear, moment, limits, left = given
+    speed = np.maximum(vx, SLOWEST)
+    vy_front = vy + model.lf * r
+    tan_front = (speed * sin - vy_front * cos) / np.maximum(speed * cos + vy_front * sin, SLOWEST)
+    side_front = lateral(tan_front, model.stiffness_front, limits[0], left[0])
+    side_rear = lateral((model.lr * r - vy) / speed, model.stiffness_rear, limits[1], left[1])
+    across = side_front * cos + front * sin
+    turn = (model.lf * across - model.lr * side_rear + moment) / model.yaw_inertia
+    return (front * cos - side_front * sin + rear) / model.mass, (across + side_rear) / model.mass, turn
+
+
+def advance_numpy(states, given):
+    """Heun's method for all particles: (3, N) to (3, N)."""
+    vx, vy, r = states
+    ax, ay, dr = forces(given, vx, vy, r)
+    dvx, dvy = ax + vy * r, ay - vx * r
+    h = model.dt
+    wx, wy, q = vx + h * dvx, vy + h * dvy, r + h * dr
+    ax, ay, dq = forces(given, wx, wy, q)
+    return states + 0.5 * h * np.stack((dvx + ax + wy * q, dvy + ay - wx * q, dr + dq))
+
+
+def observe_numpy(states, given):
+    """Readings expected of all particles: (3, N) to (7, N)."""
+    vx, vy, r = states
+    cos, sin = given[:2]
+    ax, ay, _ = forces(given, vx, vy, r)
+    across, front, rear = (vy + model.lf * r) * sin, 0.5 * model.track_front * r, 0.5 * model.track_rear * r
+    wheels = ((vx - front) * cos + across, (vx + front) * cos + across, vx - rear, vx + rear)
+    return np.stack((ax, ay, r, *(w / model.wheel_radius for w in wheels)))
+
+
+def attend_python(memory, u, y):
+    """As in vse_gym.models, on lists: for seven numbers that is faster than NumPy."""
+    speeds, brake = y[3:].tolist(), u[1:5].tolist()
+    memory = [0.0 if b > BRAKING else m + model.dt for b, m in zip(brake, memory, strict=True)]
+    variances = np.where(np.isnan(y), np.nan, model.variances)
+    heard = [i for i in range(4) if speeds[i] == speeds[i]]
+    rolling = [i for i in heard if memory[i] >= model.brake_hold]
+    for i in heard:
+        rolls = memory[i] >= model.brake_hold
+        variances[3 + i] = model.variances[3 + i] + (model.slip * speeds[i]) ** 2 if rolls else np.nan
+    if heard and not rolling:
+        i = max(heard, key=speeds.__getitem__)
+        variances[3 + i] = model.variances[3 + i] + (model.brake_slip * speeds[i]) ** 2
+    return variances, memory
+
+
+def drive_particles(size):
+    """Means (T, 3) of a bootstrap filter, resampled below half the effective size, and covariances."""
+    rng = np.random.default_rng(0)
+    spread = np.linalg.cholesky(model.process_cov)
+    states = model.prior_mean[:, None] + np.linalg.cholesky(model.prior_cov) @ rng.standard_normal((3, size))
+    weights, memory = np.full(size, 1 / size), model.memory.tolist()
+    means, covs = np.empty((len(readings), 3)), np.empty((len(readings), 3, 3))
+    for k, (u, y) in enumerate(zip(inputs, readings, strict=True)):
+        given = held(u)
+        states = advance_numpy(states, given) + spread @ rng.standard_normal((3, size))
+        variances, memory = attend_python(memory, u, y)
+        used = ~np.isnan(variances)
+        innovation = y[used, None] - observe_numpy(states, given)[used]
+        logs = -0.5 * (1 / variances[used]) @ innovation**2
+        weights = weights * np.exp(logs - logs.max())
+        weights /= weights.sum()
+        means[k] = mean = states @ weights
+        centred = states - mean[:, None]
+        covs[k] = (weights * centred) @ centred.T
+        if 1 / (weights @ weights) < 0.5 * size:
+            states = states[:, systematic_resample(weights)]
+            weights = np.full(size, 1 / size)
+    return means, covs
+
+
+def particle_model_error():
+    """Largest difference between the model in NumPy and the compiled one, over the drive [SI]."""
+    states = drive_extended()[0].T + np.random.default_rng(0).standard_normal((3, len(readings)))
+    worst, memory, listed = 0.0, model.memory, model.memory.tolist()
+    for u, y in zip(inputs, readings, strict=True):
+        given = held(u)
+        variances, memory = attend(model, memory, u, y)
+        mine, listed = attend_python(listed, u, y)
+        pairs = ((advance_numpy(states, given), advance(model, states, u)), (observe_numpy(states, given), observe(model, states, u)), (mine, variances))
+        for ours, theirs in pairs:
+            np.testing.assert_array_equal(np.isnan(ours), np.isnan(theirs))
+            worst = max(worst, float(np.nanmax(np.abs(ours - theirs))))
+    return worst
+
+
+# -- environments ---------------------------------------------------------------------------------------------------
+
+_environments = {}
+
+
+def steps_per_second(name, duration):
+    """Of an environment under random actions drawn beforehand, with the resets that come up."""
+    if name not in _environments:
+        import gymnasium
+        import highway_env
+
+        gymnasium.register_envs(highway_env)
+        env = gymnasium.make(name)
+        env.action_space.seed(0)
+        env.reset(seed=0)
+        _environments[name] = env, cycle([env.action_space.sample() for _ in range(256)])
+    env, actions = _environments[name]
+    steps, start = 0, time.perf_counter()
+    while (spent := time.perf_counter() - start) < duration:
+        _, _, terminated, truncated, _ = env.step(next(actions))
+        steps += 1
+        if terminated or truncated:
+            env.reset()
+    return steps / spent
+
+
+DRIVES = {"ekf": drive_extended, "ukf": drive_unscented, "pf": drive_particles}
+
+
+def drive(kind, *settings):
+    """Estimates of the recorded drive: vx, vy, yaw rate by step; then their covariances."""
+    return [a.tolist() for a in DRIVES[kind](*settings)]
+
+
+def seconds_per_update(kind, *settings):
+    """Time of the whole drive over its steps [s]."""
+    start = time.perf_counter()
+    DRIVES[kind](*settings)
+    return (time.perf_counter() - start) / len(readings)
+
+
+def versions():
+    """Of everything measured here."""
+    return {name: version(name) for name in ("filterpy", "highway-env", "gymnasium", "numba", "numpy", "scipy")}
+
+
+REQUESTS = {f.__name__: f for f in (drive, seconds_per_update, steps_per_second, particle_model_error, versions)}
+
+if __name__ == "__main__":
+    answers = sys.stdout
+    with contextlib.redirect_stdout(sys.stderr):  # libraries greet on standard output
+        for line in sys.stdin:
+            request, *arguments = json.loads(line)
+            print(json.dumps(REQUESTS[request](*arguments)), file=answers, flush=True)
