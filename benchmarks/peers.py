@@ -109,8 +109,8 @@ def drive_unscented():
     for k, (u, y) in enumerate(zip(inputs, readings, strict=True)):
         kalman.predict(u=u)
         z, rows, noise, memory = observe_rows(model, memory, kalman.sigmas_f, u, y)
-        # update() asks for the points' readings one by one, in their order
-        kalman.update(z, noise, hx=lambda _, expected=iter(rows): next(expected))
+        expected = iter(rows)  # update() asks for the points' readings one by one, in their order
+        kalman.update(z, noise, hx=lambda _, expected=expected: next(expected))
         means[k], covs[k] = kalman.x, kalman.P
     return means, covs
 
@@ -227,7 +227,11 @@ def particle_model_error():
         given = held(u)
         variances, memory = attend(model, memory, u, y)
         mine, listed = attend_python(listed, u, y)
-        pairs = ((advance_numpy(states, given), advance(model, states, u)), (observe_numpy(states, given), observe(model, states, u)), (mine, variances))
+        pairs = (
+            (advance_numpy(states, given), advance(model, states, u)),
+            (observe_numpy(states, given), observe(model, states, u)),
+            (mine, variances),
+        )
         for ours, theirs in pairs:
             np.testing.assert_array_equal(np.isnan(ours), np.isnan(theirs))
             worst = max(worst, float(np.nanmax(np.abs(ours - theirs))))

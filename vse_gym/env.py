@@ -48,7 +48,8 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
 
     Terminated: |sideslip| > 80 deg, off course, or anything not finite. Truncated: the manoeuvre's duration.
 
-    ``info`` has the same keys and shapes at every step: truth, reading, estimate, errors, metrics, ended.
+    ``info`` has the same keys and shapes at every step, in SI units: truth; reading (the last valid value of each
+        channel, and which are new); estimate (std is infinite where unknown); errors; metrics so far; ended (why).
 
     Args:
         manoeuvre: A name from the catalogue or an instance.
@@ -180,7 +181,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
     def _info(self, frame: Frame) -> dict[str, Any]:
         x, y, yaw, vx, vy, yaw_rate, *_, ax, ay = frame.truth.state.tolist()
         estimate = frame.estimate
-        sideslip, guess = frame.truth.sideslip, estimate.sideslip
+        sideslip, guess, spread = frame.truth.sideslip, estimate.sideslip, estimate.cov.diagonal()
         return {
             "truth": {
                 "x": x,
@@ -196,7 +197,8 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
             "reading": {
                 "time": frame.reading.time,
                 "inputs": frame.reading.inputs.copy(),
-                "y": frame.reading.y.copy(),
+                "y": self.simulation.heard.copy(),
+                "valid": frame.reading.y == frame.reading.y,
             },
             "estimate": {
                 "vx": estimate.vx,
@@ -205,7 +207,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
                 "ax": estimate.ax,
                 "ay": estimate.ay,
                 "sideslip": guess,
-                "cov": np.array(estimate.cov),
+                "std": np.where(np.isnan(spread), np.inf, np.sqrt(spread)),
             },
             "errors": {
                 "vx": estimate.vx - vx,

@@ -100,6 +100,7 @@ class Study:
     version: int
     cells: tuple[Cell, ...]
     seeds: int = 10
+    first_seed: int = 0  # tuning and reporting never share seeds
     estimators: tuple[str, ...] = ()  # empty: all there are
     randomise: Randomise = field(default_factory=Randomise)
 
@@ -167,7 +168,8 @@ def run_study(
 ) -> Iterator[list[dict[str, Any]]]:
     """Rows as they come, all those of one cell and seed together; every (cell, seed) once, in no order."""
     rows = judged(estimators if estimators is not None else study.estimators or tuple(ESTIMATORS))
-    tasks = [(cell, seed) for seed in range(seeds or study.seeds) for cell in study.cells]
+    numbers = range(study.first_seed, study.first_seed + (seeds or study.seeds))
+    tasks = [(cell, seed) for seed in numbers for cell in study.cells]
     work = Parallel(n_jobs=jobs, return_as="generator_unordered")
     yield from work(delayed(run_cell)(study, cell, seed, rows) for cell, seed in tasks)
 
@@ -180,7 +182,7 @@ def evaluate(
     Args:
         study: A study or its name.
         estimators: Names, instances, or a mapping from row names to either; None: the study's own.
-        seeds: How many, from 0 on; None: the study's own.
+        seeds: How many, from the study's first on; None: the study's own.
         jobs: Processes.
     """
     study = Study.load(study) if isinstance(study, str) else study

@@ -78,11 +78,11 @@ class SingleTrack(NamedTuple):
 class SingleTrackTuning:
     """How far a filter trusts the single track: everything that is not on a data sheet."""
 
-    vx_noise: float = 0.5  # process noise density [m/s per sqrt(s)]
-    vy_noise: float = 0.6  # [m/s per sqrt(s)]
-    yaw_noise: float = 0.5  # [rad/s per sqrt(s)]
-    ax_error: float = 0.3  # error of the model's ax, added to the sensor's noise [m/s2]
-    ay_error: float = 0.6  # [m/s2]
+    vx_noise: float = 1.2  # process noise density [m/s per sqrt(s)]
+    vy_noise: float = 0.8  # [m/s per sqrt(s)]
+    yaw_noise: float = 0.8  # [rad/s per sqrt(s)]
+    ax_error: float = 1.0  # error of the model's ax, added to the sensor's noise [m/s2]
+    ay_error: float = 6.0  # [m/s2]
     slip: float = 0.005  # slip of a rolling wheel [-]
     brake_slip: float = 0.05  # slip of the fastest wheel while all brake [-]
     brake_hold: float = 0.1  # time for which a wheel is not believed after it braked [s]
