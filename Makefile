@@ -27,12 +27,14 @@ check: .venv/dev
 	$(PIP) -c constraints.txt -e '.[report]'
 	@touch $@
 
+# torch by itself first: as a dependency of another package, pip would prefer a build with gigabytes of CUDA
 .venv/dev: .venv/bin/python pyproject.toml constraints.txt
+	$(PIP) torch==2.13.0
 	$(PIP) -c constraints.txt -e '.[dev]'
 	@touch $@ .venv/user
 
 lock: .venv/dev  ## after raising versions: write down what is installed
-	$(BIN)/python -m pip freeze --exclude-editable > constraints.txt
+	$(BIN)/python -m pip freeze --exclude-editable | sed 's/+cpu//' > constraints.txt
 
 clean:
 	rm -rf .venv results build dist

@@ -152,10 +152,10 @@ def test_a_drive_that_is_over_must_be_reset():
 def test_brakes_add_their_share_of_the_cap_and_zero_does_nothing():
     env = gymnasium.make("vse_gym/StraightDriving-v0", estimator="truth").unwrapped
     env.reset(seed=0)
-    demand = env._demand([0.5, 0.0, 1.0, -0.25])
+    demand = env._demand(np.array([0.5, 0.0, 1.0, -0.25]))
     np.testing.assert_array_equal(demand.added, [1500.0, 0.0, 1500.0, 0.0])
     np.testing.assert_array_equal(demand.release, [0.0, 0.0, 0.0, 0.25])
-    none = env._demand([0.0] * 4)
+    none = env._demand(np.zeros(4))
     assert not none.added.any() and not none.release.any()
 
 

@@ -78,15 +78,6 @@ def test_a_drive_begins_straight_at_its_speed_and_friction(name, nominal):
     assert manoeuvre.road().friction_right[0] == manoeuvre.friction
 
 
-@every_manoeuvre
-@pytest.mark.parametrize("rows", [0, 1, 50])
-def test_a_drive_that_ended_early_fails(name, rows, nominal):
-    # Half a second of straight driving, and then the estimate was lost: nothing speaks against it but its end.
-    manoeuvre = MANOEUVRES.make(name)
-    log = log_of(DT * np.arange(rows), ended="estimate not finite")
-    assert not manoeuvre.verdict(log, nominal).passed
-
-
 @EITHER_WAY
 @pytest.mark.parametrize(("amplitude", "frequency", "dwell"), [(270 * DEG, 0.7, 0.5), (1.0, 0.5, 0.3)])
 def test_the_sine_has_its_amplitude_frequency_and_dwell(amplitude, frequency, dwell, side):
@@ -199,13 +190,12 @@ def test_the_car_must_have_gone_aside_at_large_amplitudes(shift, passes, side, n
     assert small.verdict(log, nominal).passed
 
 
-@pytest.mark.parametrize("wait", [0.9, 1.7])
-def test_a_sine_that_ended_before_it_could_be_judged_fails(wait, nominal):
-    test = SineWithDwell()
+@pytest.mark.parametrize("end", [0.0, 0.3, 1.0, 2.0, 3.3, 4.1])
+def test_a_sine_that_ended_before_it_could_be_judged_fails(end, nominal):
+    test = SineWithDwell()  # judged 4.18 s after the start
     log = after_a_sine(test, (0.1, 0.1))
     assert test.verdict(log, nominal).passed
-    rows = int((test.complete + wait) / DT)
-    assert not test.verdict(cut(log, rows, "spin"), nominal).passed
+    assert not test.verdict(cut(log, 1 + round(end / DT), "spin"), nominal).passed
 
 
 @EITHER_WAY

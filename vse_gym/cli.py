@@ -76,6 +76,8 @@ def run(
         log = rollout(drive, estimator, controller, seed)
     except (KeyError, ValueError, TypeError) as error:
         raise _refuse(error) from None
+    if not len(log.time):
+        raise _refuse(RuntimeError(f"the drive never began: {log.ended}"))
     verdict = drive.manoeuvre.verdict(log, drive.nominal)
     title = f"{manoeuvre}, {vehicle}, {controller} with {estimator}, {sensors} sensors, seed {seed}"
     table = Table("", "figure", "limit", title=title, title_justify="left")
@@ -142,8 +144,10 @@ def bench(
     if not rows:
         raise _refuse(RuntimeError("stopped before the first cell was finished"))
     runs = table(rows)
-    screen.print(report.on_screen(*report.cells_of(report.summary(runs)), title=f"{plan.name}, version {plan.version}"))
-    screen.print(report.on_screen(*report.by_cell(runs), title="by cell"))
+    title = f"{plan.name}, version {plan.version}"
+    screen.print(report.on_screen(*report.cells_of(report.summary(runs), narrow=True), title=title, whole=3))
+    screen.print(report.LEGEND, style="dim", highlight=False)
+    screen.print(report.on_screen(*report.by_cell(runs), title="regret by cell"))
     note = ", [red]stopped early[/red]" if stopped else ""
     screen.print(f"{len(rows)} runs in {time.perf_counter() - begin:.1f} s{note}")
     if out is not None:

@@ -1,6 +1,7 @@
 """The Gymnasium face of the closed loop."""
 
 import math
+from operator import truediv
 from typing import Any
 
 import gymnasium
@@ -9,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from vse_gym.catalogue import CONTROLLERS
-from vse_gym.controllers.allocation import allocate, geometry, largest_moment
+from vse_gym.controllers.allocation import agent_demand
 from vse_gym.controllers.base import Controller, NoControl
 from vse_gym.controllers.esc import StabilityControl, follow_reference
 from vse_gym.controllers.observation import Encoder
@@ -20,7 +21,7 @@ from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.sensors import Sensors
 from vse_gym.simulation import Frame, Simulation, scenario
-from vse_gym.types import NO_BRAKE, NO_TORQUE, BrakeDemand, Estimate
+from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Estimate
 
 ACTIONS = {"brakes": 4, "yaw_moment": 1}
 # The reward's weights, and the size of each error at which its term is full
@@ -100,9 +101,8 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         self.observation_space = spaces.Box(self.encoder.low, self.encoder.high, dtype=np.float32)
         told = self.scenario.nominal
         self._reference = StabilityControl().init(told).reference
-        self._caps = told.vehicle.brake_caps
-        self._geometry = geometry(told)
-        self._largest = float(largest_moment(self._geometry))
+        self._caps = told.vehicle.brake_caps.tolist()
+        self._geometry = told.vehicle.geometry
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -133,28 +133,22 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
             reward -= self.scenario.steps - simulation.k
         return observation, reward, terminated, not terminated and simulation.done, self._info(frame)
 
-    def _checked(self, action: NDArray[np.float32]) -> list[float]:
+    def _checked(self, action: NDArray[np.float32]) -> Array:
         values = np.asarray(action, dtype=float)
         if values.shape != self.action_space.shape:
             raise ValueError(f"the action must have the shape {self.action_space.shape}, not {values.shape}")
-        numbers: list[float] = values.tolist()
-        if not math.isfinite(sum(numbers)):
-            raise ValueError(f"the action must be finite, not {numbers}")
-        return [min(1.0, max(-1.0, a)) for a in numbers]
+        if not math.isfinite(sum(values.tolist())):
+            raise ValueError(f"the action must be finite, not {values.tolist()}")
+        return values
 
-    def _demand(self, action: list[float]) -> BrakeDemand:
+    def _demand(self, action: Array) -> BrakeDemand:
         frame = self.simulation.frame
-        base = NO_BRAKE
+        estimate, reading, base = frame.estimate, frame.reading, NO_BRAKE
         if not self._alone:
-            base, self._law_state = self.controller.act(self._law_state, frame.estimate, frame.reading)
-        if self.action_kind == "yaw_moment":
-            estimate = frame.estimate
-            moment = action[0] * self._largest
-            added = allocate(self._geometry, moment, estimate.vx, estimate.yaw_rate, frame.reading.steer)
-            return BrakeDemand(np.minimum(base.added + added, self._caps), base.release)
-        asked = np.array(action)
-        added = np.minimum(base.added + np.maximum(asked, 0.0) * self._caps, self._caps)
-        return BrakeDemand(added, np.maximum(base.release, np.maximum(-asked, 0.0)))
+            base, self._law_state = self.controller.act(self._law_state, estimate, reading)
+        by_moment = self.action_kind == "yaw_moment"
+        seen = (estimate.vx, estimate.yaw_rate, reading.steer)
+        return BrakeDemand(*agent_demand(self._geometry, base.added, base.release, action, by_moment, *seen))
 
     def _observe(self, frame: Frame) -> NDArray[np.float32]:
         seen = frame.estimate
@@ -167,13 +161,13 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
 
     def _reward(self, frame: Frame, demand: BrakeDemand) -> float:
         _, _, _, vx, vy, yaw_rate, *_, ay = frame.truth.state.tolist()
-        steer = self.simulation.inputs.steer
+        steer = self.simulation.steer
         self._true_reference = follow_reference(self._reference, *self._true_reference, vx, ay, steer)
         start = self.scenario.manoeuvre.speed
         cost = (
             SIDESLIP * min(1.0, abs(math.atan2(vy, max(vx, 1.0))) / FULL_SIDESLIP)
             + YAW_RATE * min(1.0, abs(yaw_rate - self._true_reference[0]) / FULL_YAW_RATE)
-            + BRAKE * float((demand.added / self._caps).sum()) / 4
+            + BRAKE * sum(map(truediv, demand.added.tolist(), self._caps)) / 4
             + SPEED * min(1.0, max(0.0, 1 - math.hypot(vx, vy) / start))
         )
         return 1 - 2 * cost if math.isfinite(cost) else -1.0

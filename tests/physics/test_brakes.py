@@ -35,7 +35,7 @@ def respond(steps, dt=0.01, driver=NOTHING, added=NOTHING, release=NOTHING, memo
     heard = np.zeros(7) if heard is None else heard
     torques = []
     for _ in range(steps):
-        memory = brake_torques(UNIT, CAR, memory, driver, added, release, heard, velocity, 0.0, dt)
+        memory = brake_torques(UNIT, CAR.geometry, memory, driver, added, release, heard, velocity, 0.0, dt)
         torques.append(memory[0])
     return np.array(torques), memory
 
@@ -111,7 +111,7 @@ def test_torques_are_never_negative_nor_beyond_what_was_asked(seed, dt):
         driver, added, release = rng.uniform(0, 4000, 4), rng.uniform(-4000, 4000, 4), rng.uniform(-1, 2, 4)
         heard, velocity = rng.uniform(-20, 80, 7), tuple(rng.uniform([-5, -10, -2], [30, 10, 2]))
         steer = rng.uniform(-0.5, 0.5)
-        memory = brake_torques(UNIT, CAR, memory, driver, added, release, heard, velocity, steer, dt)
+        memory = brake_torques(UNIT, CAR.geometry, memory, driver, added, release, heard, velocity, steer, dt)
         assert np.all(memory >= 0)
         assert np.all(memory <= 4000 + CAR.brake_caps)
 
@@ -122,7 +122,7 @@ def test_wheels_that_roll_in_a_turn_are_not_taken_to_slip(vx, vy, yaw_rate, stee
     heard = rolling(vx, vy, yaw_rate, steer)
     memory = released_brakes(UNIT, 0.01)
     after = brake_torques(
-        UNIT, CAR, memory, np.full(4, 700.0), NOTHING, NOTHING, heard, (vx, vy, yaw_rate), steer, 0.01
+        UNIT, CAR.geometry, memory, np.full(4, 700.0), NOTHING, NOTHING, heard, (vx, vy, yaw_rate), steer, 0.01
     )
     assert np.all(after[-1] == 700)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import (
@@ -96,6 +97,35 @@ def test_turns_as_the_linear_single_track_does_with_linear_tyres(car):
     # Left are cosines of angles below 0.02 rad, the car's width, and a speed that falls while the car settles.
     vehicle = with_linear_tyres(load(car))
     assert abs(yaw_gain_error(vehicle, fast_but_stable(vehicle))) < 5e-5
+
+
+@every_car
+def test_answers_a_small_step_of_steer_as_the_linear_single_track_does(car):
+    vehicle = with_linear_tyres(load(car))
+    v, steer, (m, inertia, a, b) = fast_but_stable(vehicle), 1e-3, vehicle[:4]
+    # Turning the car also spins the outer wheels up and the inner ones down, which adds 1 % to its inertia.
+    squares = 2 * (vehicle.track_front / 2) ** 2 + 2 * (vehicle.track_rear / 2) ** 2
+    inertia += vehicle.wheel_inertia / vehicle.wheel_radius**2 * squares
+    front, rear = 2 * vehicle.front_tyre.cornering_stiffness, 2 * vehicle.rear_tyre.cornering_stiffness
+    of_vy_and_yaw_rate = np.array(
+        [
+            [-(front + rear) / (m * v), (b * rear - a * front) / (m * v) - v],
+            [(b * rear - a * front) / (inertia * v), -(a**2 * front + b**2 * rear) / (inertia * v)],
+        ]
+    )
+    settled = np.linalg.solve(of_vy_and_yaw_rate, [-front * steer / m, -a * front * steer / inertia])
+    for seconds in (0.05, 0.1, 0.2, 0.5, 1.0):
+        linear = settled - expm(of_vy_and_yaw_rate * seconds) @ settled
+        state = advance_reference(
+            vehicle,
+            p.road((0.0, 0.9)),
+            rolling_start(vehicle, v),
+            p.Inputs(steer, NOTHING, NOTHING),
+            int(1e4 * seconds),
+            1e-4,
+        )
+        # The wheels' spin and the car's width are second order in an angle of 1 mrad.
+        np.testing.assert_allclose(state[[p.VY, p.YAW_RATE]], linear, rtol=0, atol=1e-4 * np.abs(settled).max())
 
 
 def kinetic_energy(vehicle, x):

@@ -1,40 +1,19 @@
 """From a yaw moment to wheel brakes."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from vse_gym.compiled import compiled
-from vse_gym.models import Nominal
 
-
-class Geometry(NamedTuple):
-    """What turns a yaw moment into brake torques."""
-
-    lf: float  # [m]
-    lr: float  # [m]
-    track_front: float  # [m]
-    track_rear: float  # [m]
-    wheel_radius: float  # [m]
-    cap_front: float  # [N m]
-    cap_rear: float  # [N m]
-    slowest: float = 4.0  # no stability control below this speed [m/s]
-    smallest: float = 50.0  # nor for a moment below this [N m]
-
-
-def geometry(nominal: Nominal) -> Geometry:
-    """The nominal car's."""
-    car = nominal.vehicle
-    return Geometry(
-        car.lf, car.lr, car.track_front, car.track_rear, car.wheel_radius, car.brake_cap_front, car.brake_cap_rear
-    )
+SLOWEST = 4.0  # no stability control below this speed [m/s]
+SMALLEST = 50.0  # nor for a moment below this [N m]
 
 
 @compiled
 def largest_moment(g):
     """The yaw moment of one side's brakes at their caps, straight ahead [N m]."""
-    return 0.5 * (g.track_front * g.cap_front + g.track_rear * g.cap_rear) / g.wheel_radius
+    return 0.5 * (g.track_front * g.brake_cap_front + g.track_rear * g.brake_cap_rear) / g.wheel_radius
 
 
 @compiled
@@ -45,7 +24,7 @@ def allocate(g, moment, vx, yaw_rate, steer):
     first, the remainder at its rear wheel. Against understeer it is the inner rear wheel alone.
     """
     torques = np.zeros(4)
-    if vx < g.slowest or abs(moment) < g.smallest:
+    if vx < SLOWEST or abs(moment) < SMALLEST:
         return torques
     left = moment > 0
     front, rear = (0, 2) if left else (1, 3)
@@ -55,7 +34,32 @@ def allocate(g, moment, vx, yaw_rate, steer):
         lean = g.lf * math.sin(steer)
         arm = 0.5 * g.track_front * math.cos(steer) + (-lean if left else lean)
         if arm > 0.1:
-            torques[front] = min(g.cap_front, demand / arm * g.wheel_radius)
+            torques[front] = min(g.brake_cap_front, demand / arm * g.wheel_radius)
             demand -= torques[front] * arm / g.wheel_radius
-    torques[rear] = min(g.cap_rear, demand / rear_arm * g.wheel_radius)
+    torques[rear] = min(g.brake_cap_rear, demand / rear_arm * g.wheel_radius)
     return torques
+
+
+@compiled
+def agent_demand(g, base_added, base_release, action, yaw_moment, vx, yaw_rate, steer):
+    """A controller's demand with an agent's action on top: torques to add and shares to release, (4,) and (4,).
+
+    Args:
+        g: Geometry.
+        base_added, base_release: What the controller asks for, (4,) each.
+        action: In [-1, 1], clipped to it: one number for a yaw moment, else one per wheel.
+        yaw_moment: Which of the two.
+        vx, yaw_rate, steer: As estimated and measured, for the allocation.
+    """
+    added, release = np.empty(4), base_release.copy()
+    if yaw_moment:
+        extra = allocate(g, max(-1.0, min(1.0, action[0])) * largest_moment(g), vx, yaw_rate, steer)
+    else:
+        extra = np.zeros(4)
+    for i in range(4):
+        cap = g.brake_cap_front if i < 2 else g.brake_cap_rear
+        if not yaw_moment:
+            extra[i] = max(0.0, min(1.0, action[i])) * cap
+            release[i] = max(release[i], min(1.0, -action[i]))
+        added[i] = min(cap, base_added[i] + extra[i])
+    return added, release

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from vse_gym.compiled import compiled
-from vse_gym.controllers.allocation import Geometry, allocate, geometry
+from vse_gym.controllers.allocation import allocate
 from vse_gym.controllers.base import Controller
 from vse_gym.models import Nominal
-from vse_gym.physics.parameters import GRAVITY
+from vse_gym.physics.parameters import GRAVITY, Geometry
 from vse_gym.types import NO_TORQUE, Array, BrakeDemand, Estimate, Reading
 
 DEG = math.pi / 180
@@ -97,7 +97,7 @@ class StabilityControl(Controller):
         lags = map(float, (self.understeer, nominal.friction, self.reference_lag, self.envelope_release, nominal.dt))
         gains = (self.yaw_gain, self.yaw_band, self.sideslip_gain, self.sideslip_band)
         law = Law(*map(float, (*gains, self.sideslip_rate_gain, self.sideslip_rate_lag)))
-        return EscState(Reference(nominal.vehicle.wheelbase, *lags), law, geometry(nominal), np.zeros(4))
+        return EscState(Reference(nominal.vehicle.wheelbase, *lags), law, nominal.vehicle.geometry, np.zeros(4))
 
     def act(self, state: EscState, estimate: Estimate, reading: Reading) -> tuple[BrakeDemand, EscState]:
         reference, law, g, memory = state

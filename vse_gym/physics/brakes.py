@@ -36,12 +36,12 @@ def released_brakes(unit: BrakeUnit, dt: float):
 
 
 @compiled
-def brake_torques(unit, vehicle, memory, driver, added, release, heard, velocity, steer, dt):
+def brake_torques(unit, geometry, memory, driver, added, release, heard, velocity, steer, dt):
     """The brakes' torques during the next dt: the unit's memory one step on; its first row is the torques.
 
     Args:
         unit: Tunings.
-        vehicle: The car as the unit knows it; its geometry, wheel radius and caps are read.
+        geometry: Of the car as the unit knows it.
         memory: (1 + delay steps, 4) [N m], from :func:`released_brakes` or the last step.
         driver: Brake torques that the driver asks for, (4,) [N m].
         added: What the stability control adds, (4,) [N m]; taken between 0 and the caps.
@@ -55,12 +55,12 @@ def brake_torques(unit, vehicle, memory, driver, added, release, heard, velocity
     depth = memory.shape[0]
     vx, vy, yaw_rate = velocity
     for i in range(4):
-        cap = vehicle.brake_cap_front if i < 2 else vehicle.brake_cap_rear
+        cap = geometry.brake_cap_front if i < 2 else geometry.brake_cap_rear
         demand = (1 - min(1.0, max(0.0, release[i]))) * driver[i] + min(cap, max(0.0, added[i]))
         if vx > unit.slowest and demand > 0:
-            along, _ = wheel_velocity(vehicle, i, vx, vy, yaw_rate, steer)
+            along, _ = wheel_velocity(geometry, i, vx, vy, yaw_rate, steer)
             if along > unit.slowest:
-                demand *= limiter(unit, 1 - vehicle.wheel_radius * heard[3 + i] / along)
+                demand *= limiter(unit, 1 - geometry.wheel_radius * heard[3 + i] / along)
         for k in range(1, depth - 1):
             after[k, i] = memory[k + 1, i]
         if depth > 1:

@@ -61,6 +61,18 @@ TYRES: dict[str, type] = {
 }
 
 
+class Geometry(NamedTuple):
+    """As much of a car as brakes and their control must know; few numbers, because they travel at every step."""
+
+    lf: float  # [m]
+    lr: float  # [m]
+    track_front: float  # [m]
+    track_rear: float  # [m]
+    wheel_radius: float  # [m]
+    brake_cap_front: float  # [N m]
+    brake_cap_rear: float  # [N m]
+
+
 class Vehicle(NamedTuple):
     """Constants of a car with seven degrees of freedom: vx, vy, yaw rate and four wheel speeds."""
 
@@ -99,6 +111,11 @@ class Vehicle(NamedTuple):
         """Speed above which straight driving is unstable [m/s]; infinite if the car understeers."""
         gradient = self.understeer_gradient
         return float(np.sqrt(-self.wheelbase / gradient)) if gradient < 0 else float("inf")
+
+    @property
+    def geometry(self) -> Geometry:
+        """What brakes and their control must know of the car."""
+        return Geometry(*(getattr(self, name) for name in Geometry._fields))
 
     @property
     def brake_caps(self) -> NDArray[np.float64]:
