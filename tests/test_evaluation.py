@@ -1,5 +1,6 @@
 """Studies: paired, repeatable, and robust against estimators that are not."""
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -203,3 +204,13 @@ def test_what_is_written_can_be_read_again(runs, tmp_path):
     text = (tmp_path / "out" / "table.md").read_text()
     assert "a command" in text and markdown(*cells_of(summary(runs))) in text and markdown(*by_cell(runs)) in text
     assert (tmp_path / "out" / "regret.png").stat().st_size > 5000
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "a command" in page and all(f"<td>{name}</td>" in page for name in ("truth", "ekf", "zero"))
+    assert "http" not in page.split("<body")[0].replace("https://plotly.com", "")  # opens without a network
+    assert (tmp_path / "out" / "plotly.min.js").stat().st_size > 1_000_000
+
+
+def test_without_the_extra_report_the_tables_are_written_all_the_same(runs, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    write(runs, tmp_path, "a command")
+    assert {path.name for path in tmp_path.iterdir()} == {"runs.parquet", "table.md"}

@@ -23,6 +23,7 @@ R = TypeVar("R")
 
 config: Any = numba.config  # numba has no types of its own
 _PACKAGE = Path(__file__).parent
+TYPES_IN = ("physics", "inference", "types.py")  # where types that kernels read may be defined without a kernel
 _dispatchers: list[Any] = []  # every kernel of the package, to be given a new cache folder when the digest changes
 
 
@@ -31,7 +32,7 @@ def _package_digest() -> str:
     digest = hashlib.blake2b(numba.__version__.encode(), digest_size=8)
     for path in sorted(_PACKAGE.rglob("*.py")):
         source = path.read_bytes()
-        if b"compiled" in source or b"NamedTuple" in source:
+        if b"@compiled" in source or path.relative_to(_PACKAGE).parts[0] in TYPES_IN:
             digest.update(source)
     return digest.hexdigest()
 

@@ -83,6 +83,8 @@ class SingleTrackTuning:
     yaw_noise: float = 0.8  # [rad/s per sqrt(s)]
     ax_error: float = 1.0  # error of the model's ax, added to the sensor's noise [m/s2]
     ay_error: float = 6.0  # [m/s2]
+    yaw_rate_error: float = 0.0  # added to the gyro's noise: a bootstrap filter dies of a likelihood too narrow [rad/s]
+    wheel_error: float = 0.0  # added to the wheel speeds' noise, for the same reason [rad/s]
     slip: float = 0.005  # slip of a rolling wheel [-]
     brake_slip: float = 0.05  # slip of the fastest wheel while all brake [-]
     brake_hold: float = 0.1  # time for which a wheel is not believed after it braked [s]
@@ -95,10 +97,10 @@ class SingleTrackTuning:
         """The model of a nominal car with this trust."""
         car, sheet = nominal.vehicle, nominal.sheet
         step = math.sqrt(nominal.dt)
-        channels = np.full(7, sheet.wheel_speed**2)
+        channels = np.full(7, sheet.wheel_speed**2 + self.wheel_error**2)
         channels[Y_AX] = sheet.acceleration**2 + self.ax_error**2
         channels[Y_AY] = sheet.acceleration**2 + self.ay_error**2
-        channels[Y_YAW_RATE] = sheet.yaw_rate**2
+        channels[Y_YAW_RATE] = sheet.yaw_rate**2 + self.yaw_rate_error**2
         return SingleTrack(
             mass=car.mass,
             yaw_inertia=car.yaw_inertia,

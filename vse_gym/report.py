@@ -1,6 +1,7 @@
 """Tables and figures from the table of runs, and from nothing else."""
 
 from contextlib import suppress
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -146,8 +147,70 @@ def regret_figure(runs: pl.DataFrame, path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
+def page(runs: pl.DataFrame, path: Path, command: str) -> None:
+    """The tables and two figures to move about in, as a web page that needs no network; needs the extra [report].
+
+    Raises:
+        ModuleNotFoundError: If plotly is not installed.
+    """
+    import plotly.graph_objects as go
+
+    order = summary(runs)["estimator"].to_list()
+    mean = runs.group_by("estimator", "cell").agg(pl.col("regret", "shadow_sideslip_rmse_deg").mean()).sort("cell")
+    bars, dots = go.Figure(), go.Figure()
+    for name in (e for e in order if e != "truth"):
+        mine = mean.filter(pl.col("estimator") == name)
+        cells, regret = mine["cell"].to_list(), mine["regret"].to_list()
+        bars.add_bar(name=name, x=cells, y=regret)
+        if name != POTENTIAL:
+            rmse = mine["shadow_sideslip_rmse_deg"].to_list()
+            dots.add_scatter(name=name, x=rmse, y=regret, text=cells, mode="markers", marker={"size": 10})
+    bars.update_layout(title="Regret by cell, mean over seeds", yaxis_title="regret (0 to 14)")
+    dots.update_layout(
+        title="Does a small error make a good drive? One dot per estimator and cell",
+        xaxis_title="shadow: sideslip RMSE [deg]",
+        yaxis_title="loop: regret (0 to 14)",
+    )
+    texts = [
+        f"<h1>{runs['study'][0]}, version {runs['version'][0]}</h1>",
+        f"<p><code>{escape(command)}</code>: {len(runs)} runs.</p>",
+        f"<p>{escape(LEGEND)}</p>",
+        _html(*cells_of(summary(runs))),
+        "<h2>Regret by cell</h2>",
+        _html(*by_cell(runs)),
+        bars.to_html(full_html=False, include_plotlyjs="directory"),
+        dots.to_html(full_html=False, include_plotlyjs=False),
+    ]
+    script = path.parent / "plotly.min.js"
+    if not script.exists():
+        script.write_text(_plotly_script(), encoding="utf-8")
+    path.write_text(HEAD + "\n".join(texts), encoding="utf-8")
+
+
+HEAD = """<!doctype html><meta charset="utf-8"><title>vse-gym</title><style>
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 75rem; margin: 2rem auto; padding: 0 1rem }
+table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums }
+th, td { padding: .25rem .7rem; border-bottom: 1px solid #ddd; text-align: right }
+th:first-child, td:first-child { text-align: left }
+</style>
+"""
+
+
+def _plotly_script() -> str:
+    from plotly.offline import get_plotlyjs
+
+    script: str = get_plotlyjs()
+    return script
+
+
+def _html(heads: list[str], rows: list[list[str]]) -> str:
+    top = "".join(f"<th>{escape(head)}</th>" for head in heads)
+    body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
+    return f"<table><tr>{top}</tr>{body}</table>"
+
+
 def write(runs: pl.DataFrame, folder: Path, command: str) -> None:
-    """The table of runs, the summary as Markdown, and a figure if matplotlib is there."""
+    """The table of runs, the summary as Markdown; with the extra [report] a figure and a page too."""
     folder.mkdir(parents=True, exist_ok=True)
     runs.write_parquet(folder / "runs.parquet")
     seeds, cells = runs["seed"].n_unique(), runs["cell"].n_unique()
@@ -160,3 +223,4 @@ def write(runs: pl.DataFrame, folder: Path, command: str) -> None:
     (folder / "table.md").write_text("\n".join(text), encoding="utf-8")
     with suppress(ModuleNotFoundError):  # without the extra [report], tables alone
         regret_figure(runs, folder / "regret.png")
+        page(runs, folder / "report.html", command)

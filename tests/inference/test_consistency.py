@@ -1,0 +1,99 @@
+"""Filters are as wrong as they say: on drives of their own model, errors fit the covariances given with them."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+
+from vse_gym.catalogue import ESTIMATORS
+from vse_gym.estimators.gaussian import GaussianFilter
+from vse_gym.inference.model import advance, attend, observe
+from vse_gym.models import Nominal, SingleTrackTuning
+from vse_gym.sensors import LOUD
+from vse_gym.types import U_STEER, Reading
+from vse_gym.vehicles import load
+
+DRIVES, STEPS, STATES = 50, 100, 3
+INSTANTS = [0, 24, 49, 74, 99]  # far enough apart for errors to be nearly independent
+SURE = 0.9995  # quantile at either end: with five instants, one honest filter in two hundred would be accused
+TUNING = SingleTrackTuning(vx_noise=0.5, vy_noise=0.6, yaw_noise=0.5, ax_error=0.3, ay_error=0.6)
+GAUSSIAN = [name for name in ESTIMATORS if issubclass(ESTIMATORS[name], GaussianFilter)]
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return Nominal(load("qin2014_understeer"), LOUD, speed=20.0)
+
+
+@pytest.fixture(scope="module")
+def drives(nominal):
+    """States (DRIVES, STEPS, STATES) and readings, one list per drive, drawn from the model that the filters have.
+
+    The variance of a wheel's reading hangs on the speed; of the true instead of the read one, 0.5 % of noise apart.
+    """
+    model = TUNING.build(nominal)
+    root = np.linalg.cholesky(model.process_cov)
+    states, readings = np.empty((DRIVES, STEPS, STATES)), []
+    for drive in range(DRIVES):
+        rng = np.random.default_rng(drive)
+        x, memory, heard = rng.multivariate_normal(model.prior_mean, model.prior_cov), model.memory, []
+        for k in range(STEPS):
+            u = np.zeros(9)
+            u[U_STEER] = 0.03 * np.sin(np.pi * k * model.dt)
+            x = advance(model, x[:, None].copy(), u)[:, 0] + root @ rng.standard_normal(STATES)
+            clean = observe(model, x[:, None].copy(), u)[:, 0]
+            variances, memory = attend(model, memory, u, clean)
+            heard.append(Reading(k * model.dt, u, rng.normal(clean, np.sqrt(variances))))
+            states[drive, k] = x
+        readings.append(heard)
+    return states, readings
+
+
+def follow(estimator, nominal, drives):
+    """Squared errors in terms of the covariance (NEES), squared innovations in theirs (NIS) and the latter's number."""
+    states, readings = drives
+    nees, nis, dof = (np.empty((DRIVES, STEPS)) for _ in range(3))
+    for drive in range(DRIVES):
+        rng = np.random.default_rng([drive, 1])  # not the drive's own stream
+        state = estimator.init(nominal, rng)
+        for k, reading in enumerate(readings[drive]):
+            if estimator.told_friction:
+                state = estimator.tell_friction(state, nominal.friction)
+            state = estimator.update(state, reading, rng)
+            estimate = estimator.estimate(state)
+            error = states[drive, k] - estimate[:STATES]
+            nees[drive, k] = error @ np.linalg.pinv(estimate.cov, hermitian=True) @ error
+            nis[drive, k], dof[drive, k] = estimator.innovation(state)
+    return nees, nis, dof
+
+
+@pytest.fixture(scope="module", params=GAUSSIAN)
+def followed(request, nominal, drives):
+    return follow(ESTIMATORS.make(request.param, model=TUNING), nominal, drives)
+
+
+def test_errors_fit_their_covariance(followed):
+    nees, _, _ = followed
+    lower, upper = chi2.ppf([1 - SURE, SURE], DRIVES * STATES)
+    totals = nees[:, INSTANTS].sum(axis=0)
+    assert np.all((lower < totals) & (totals < upper)), totals / (DRIVES * STATES)
+
+
+def test_innovations_fit_their_covariance(followed):
+    # White, so that all of them count: a band of 2.5 %, narrow enough to see one wrong variance among seven.
+    _, nis, dof = followed
+    np.testing.assert_array_equal(dof, 7)
+    lower, upper = chi2.ppf([1 - SURE, SURE], dof.sum())
+    assert lower < nis.sum() < upper, nis.sum() / dof.sum()
+
+
+def test_errors_of_the_particle_filter_fit_their_covariance(nominal, drives):
+    # Now and then a few particles carry all the weight, and the covariance of those few says nothing; their NEES has
+    # no mean. So counts instead of sums: how many drives lie beyond the chi-square's median and beyond its 95 % line.
+    # With an effective size of some hundred, Hotelling's statistic is 5 % larger than the chi-square; that and the few
+    # that collapse are granted twice the 5 % beyond the line, and 60 % beyond the median.
+    nees, _, _ = follow(ESTIMATORS.make("pf", model=TUNING, size=5000), nominal, drives)
+    beyond_median = (nees[:, INSTANTS] > chi2.ppf(0.5, STATES)).sum(axis=0)
+    beyond_line = (nees[:, INSTANTS] > chi2.ppf(0.95, STATES)).sum(axis=0)
+    assert np.all(beyond_median >= binom.ppf(1 - SURE, DRIVES, 0.5)), beyond_median
+    assert np.all(beyond_median <= binom.ppf(SURE, DRIVES, 0.6)), beyond_median
+    assert np.all(beyond_line <= binom.ppf(SURE, DRIVES, 0.1)), beyond_line
