@@ -18,28 +18,29 @@ import polars as pl
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.evaluation import Study, evaluate
 
-DYNAMICS = {  # searched on a logarithmic scale
+FILTERS = ("ekf", "pf", "pf_cauchy_gaussian")
+RANGES = {  # the same for all, searched on a logarithmic scale
     "vx_noise": (0.1, 3.0),
     "vy_noise": (0.1, 5.0),
     "yaw_noise": (0.03, 2.0),
     "ax_error": (0.1, 3.0),
     "ay_error": (0.3, 8.0),
+    "yaw_rate_error": (0.001, 0.05),
+    "wheel_error": (0.01, 1.0),
 }
-LIKELIHOOD = {"yaw_rate_error": (0.001, 0.05), "wheel_error": (0.01, 1.0)}
-RANGES = {"ekf": DYNAMICS, "pf": DYNAMICS | LIKELIHOOD, "pf_cauchy_gaussian": DYNAMICS | LIKELIHOOD}
 
 
 def sample(name: str, rng: np.random.Generator) -> tuple[Any, dict[str, float]]:
     """An estimator with a random tuning, and the tuning."""
     base = ESTIMATORS[name]()
-    draw = {key: float(np.exp(rng.uniform(*np.log(limits)))) for key, limits in RANGES[name].items()}
+    draw = {key: float(np.exp(rng.uniform(*np.log(limits)))) for key, limits in RANGES.items()}
     return replace(base, model=replace(base.model, **draw)), draw
 
 
 def main() -> None:
     """Search and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("estimator", choices=sorted(RANGES))
+    parser.add_argument("estimator", choices=FILTERS)
     parser.add_argument("--samples", type=int, default=120)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)

@@ -296,30 +296,31 @@ def test_what_goes_wrong_does_not_change_the_noise_beneath():
     assert not difference[:, 3:].any()
 
 
-def columns(record):
-    """Everything random in a record that is a number, (steps, 12)."""
-    return np.column_stack((record.added, record.steer, record.brake))
+def unit_noise(sensors, record):
+    """Everything random in a record that is a number, over its sigma, (steps, 12)."""
+    sheet = sensors.sheet
+    sigma = [sheet.acceleration] * 2 + [sheet.yaw_rate] + [sheet.wheel_speed] * 4 + [sheet.steer] + [sheet.brake] * 4
+    return np.column_stack((record.added, record.steer, record.brake)) / sigma
 
 
 @pytest.mark.parametrize("name", ["gaussian", "loud"])
-def test_channels_and_seeds_are_not_correlated(name):
-    n = 20_000
-    both = np.column_stack([columns(suite(name).record(n, DT, seed)) for seed in (7, 8)])
+def test_no_draw_serves_twice_and_channels_are_not_correlated(name):
+    n, sensors = 20_000, suite(name)
+    both = np.column_stack([unit_noise(sensors, sensors.record(n, DT, seed)) for seed in (7, 8)])
     correlation = np.corrcoef(both.T) - np.eye(both.shape[1])
     assert np.abs(correlation).max() < 5 / np.sqrt(n)  # five standard deviations, for 276 pairs
+    assert np.unique(np.round(both, 10)).size > 0.999 * both.size  # of 480 000 numbers some 10 agree by chance
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @every_suite
 def test_an_estimators_generator_repeats_no_sensors_draws(name, seed):
-    steps = 2000
-    record = suite(name).record(steps, DT, seed)
-    sheet = suite(name).sheet
-    sigma = [sheet.acceleration, sheet.acceleration, sheet.yaw_rate, *[sheet.wheel_speed] * 4]
-    sensed = columns(record) / [*sigma, sheet.steer, *[sheet.brake] * 4]
+    steps, sensors = 2000, suite(name)
+    record = sensors.record(steps, DT, seed)
+    sensed = unit_noise(sensors, record)
     for shape in ((steps, 12), (steps, 7), (steps, 5), (steps, 3), (steps,)):  # whatever it asks for first
         drawn = stream(seed, "estimator").standard_normal(shape)
-        assert np.intersect1d(np.round(drawn, 12), np.round(sensed[np.abs(sensed) > 0], 12)).size < 3
+        assert np.intersect1d(np.round(drawn, 12), np.round(sensed[sensed != 0], 12)).size < 3
     quiet = stream(seed, "estimator").random((steps, 7))
     begins = record.silent & ~np.roll(record.silent, 1, axis=0)
     if begins.any():  # drop-outs begin where a small uniform number was drawn
