@@ -21,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from itertools import cycle, islice
@@ -86,10 +86,9 @@ class Row:
         return [self.what, f"{_spread(self.here)} {self.unit}", peer, ratio, target, verdict]
 
 
-def _spread(values: list[float]) -> str:
-    middle, *ends = (
-        f"{v:,.3g}" if v < 1000 else f"{v:,.0f}" for v in (statistics.median(values), min(values), max(values))
-    )
+def _spread(values: Sequence[float]) -> str:
+    figures = statistics.median(values), min(values), max(values)
+    middle, *ends = (f"{v:,.3g}" if v < 1000 else f"{v:,.0f}" for v in figures)
     return f"{middle} ({' - '.join(ends)})"
 
 
@@ -228,9 +227,13 @@ class Bench:
 
     def start(self) -> Iterator[Row]:
         """From before a process is started until it has done its work, with machine code cached by earlier ones."""
-        codes = ("print(time.time())", "import vse_gym; print(time.time())", FIRST_STEP)
-        bare, imported, first = self.by_turns(*(lambda c=code: _fresh(c) for code in codes), repeats=5)
-        net = [a - b for a, b in zip(imported, bare, strict=True)]
+        codes = (SAY, f"import vse_gym\n{SAY}", FIRST_STEP)
+        rounds = [[_fresh(code) for code in codes] for _ in range(6)]
+        (bare, _), (imported, _), (first, busy) = (
+            zip(*samples, strict=True) for samples in zip(*rounds[1:], strict=True)
+        )
+        bare, first, net = list(bare), list(first), [a - b for a, b in zip(imported, bare, strict=True)]
+        self.notes.append(f"processor time until the first step of vse-gym run: {_spread(busy)} s")
         beside = ("bare interpreter", bare)
         yield Row("import vse_gym, less the bare interpreter", "s", net, *beside, 0.6)
         yield Row("vse-gym run: from start to the first step", "s", first, *beside, 2.0)
@@ -250,23 +253,24 @@ class Bench:
         return Row(what, "us", *self.by_turns(measure, repeats=max(3, min(self.repeats, affordable)), unit=1e6))
 
 
-FIRST_STEP = """
+SAY = "print(time.time(), time.process_time())"
+FIRST_STEP = f"""
 from vse_gym import cli, simulation
 step = simulation.Simulation.step
 def first(self, demand):
     step(self, demand)
-    print(time.time())
+    {SAY}
     raise SystemExit
 simulation.Simulation.step = first
 cli.app(["run", "sine_with_dwell", "--estimator", "ekf", "--controller", "esc"])
 """
 
 
-def _fresh(code: str) -> float:
-    """Seconds from before a new interpreter is started to the time that its code prints."""
-    start = time.time()
-    command = [sys.executable, "-c", f"import time\n{code}"]
-    return float(subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout) - start
+def _fresh(code: str) -> tuple[float, float]:
+    """Seconds from before a new interpreter is started until its code speaks, and its processor time until then."""
+    command, start = [sys.executable, "-c", f"import time\n{code}"], time.time()
+    said, busy = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.split()
+    return float(said) - start, float(busy)
 
 
 def _seconds(work: Callable[[], Any]) -> float:
@@ -327,7 +331,7 @@ def main(
         peers = bench.peers.ask("versions") if bench.peers.process else {}
         bench.peers.close()
     here = {"python": platform.python_version()} | {name: version(name) for name in ("numba", "numpy", "gymnasium")}
-    setting = {"machine": _machine(), "here": here, "peers": peers, "repeats": repeats}
+    setting = {"machine": _machine(), "here": here, "peers": peers or "not asked", "repeats": repeats}
     setting["seconds"] = round(time.perf_counter() - began)
     console.print(table)
     for note in bench.notes:

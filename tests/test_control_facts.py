@@ -233,6 +233,17 @@ def test_a_car_that_does_what_is_wanted_is_left_alone(name, steer):
     assert not ask(CONTROLLERS.make(name), states, np.full(200, steer)).any()
 
 
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("steer", [0.0, 0.02])
+def test_production_control_acts_where_the_yaw_rate_leaves_its_band_about_the_reference(steer, side):
+    v = 20.0
+    wanted = v * steer / (NOMINAL.vehicle.wheelbase + 0.0020 * v**2)
+    for share, acts in ((0.95, False), (1.1, True)):  # 10 % beyond the band are 196 N m, above the least of 50
+        yaw_rate = wanted + side * share * 2.5 * DEG
+        states = np.tile([v, 0.0, yaw_rate, v * yaw_rate], (200, 1))
+        assert ask(CONTROLLERS.make("esc"), states, np.full(200, steer))[-1].any() == acts
+
+
 @pytest.mark.parametrize("friction", [0.9, 0.3])
 def test_the_reference_asks_for_no_more_than_the_road_has_shown(friction):
     # |r| <= min(0.85 mu g, 1.2 ay + 2.5)/v: a car that corners at that and not at the geometric rate is left alone.

@@ -100,7 +100,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS[action],), np.float32)
         self.observation_space = spaces.Box(self.encoder.low, self.encoder.high, dtype=np.float32)
         told = self.scenario.nominal
-        self._reference = StabilityControl().init(told).reference
+        self._reference = StabilityControl().reference(told)
         self._caps = told.vehicle.brake_caps.tolist()
         self._geometry = told.vehicle.geometry
 

@@ -76,7 +76,10 @@ class SingleTrack(NamedTuple):
 
 @dataclass(frozen=True)
 class SingleTrackTuning:
-    """How far a filter trusts the single track: everything that is not on a data sheet."""
+    """How far a filter trusts the single track: everything that is not on a data sheet.
+
+    The defaults suit a Kalman filter; ``benchmarks/search_defaults.py`` says how they were found.
+    """
 
     vx_noise: float = 1.2  # process noise density [m/s per sqrt(s)]
     vy_noise: float = 0.8  # [m/s per sqrt(s)]
@@ -130,12 +133,24 @@ SLOWEST = 2.0  # speed to which slip angles are taken at least: below, a step of
 BRAKING = 20.0  # a wheel with more brake torque than this is braking [N m]
 
 
-@compiled
-def _held(model, u):
-    """What the inputs alone determine: cos and sin of the steer, axle forces [N], yaw moment [N m], lateral limits.
+class Commanded(NamedTuple):
+    """What the inputs alone determine, once for all states of a batch."""
 
-    Each wheel's force is its torque over the radius, held to the friction at its static load plus the load transfer
-    of the braking itself; an axle's lateral force is what the friction ellipse leaves.
+    cos_steer: float
+    sin_steer: float
+    front: float  # longitudinal force of the front axle, along its wheels [N]
+    rear: float  # [N]
+    moment: float  # yaw moment of unequal longitudinal forces [N m]
+    slope_front: float  # cornering stiffness over the friction limit [1/rad]
+    slope_rear: float  # [1/rad]
+    peak_front: float  # lateral force that the friction ellipse leaves the axle [N]
+    peak_rear: float  # [N]
+
+
+@compiled
+def _commanded(model, u):
+    """Forces from torques: torque over radius, held to the friction at the wheel's static load plus the load transfer
+    of the braking itself.
     """
     wheelbase = model.lf + model.lr
     total = 0.0
@@ -160,56 +175,53 @@ def _held(model, u):
     limit_front, limit_rear = model.friction * load_front + 1e-9, model.friction * load_rear + 1e-9
     left_front = math.sqrt(max(0.01, 1 - (front / limit_front) ** 2))
     left_rear = math.sqrt(max(0.01, 1 - (rear / limit_rear) ** 2))
-    return (
+    return Commanded(
         cos_steer,
         sin_steer,
         front,
         rear,
         moment * model.brake_moment,
-        limit_front,
-        limit_rear,
-        left_front,
-        left_rear,
+        model.stiffness_front / limit_front,
+        model.stiffness_rear / limit_rear,
+        limit_front * left_front,
+        limit_rear * left_rear,
     )
 
 
 @compiled
-def _lateral(tan_alpha, stiffness, limit, left):
-    """Lateral force of an axle: the Fiala polynomial, times what the ellipse leaves; free of branches [N]."""
-    theta = stiffness * tan_alpha / limit
+def _lateral(theta, peak):
+    """Lateral force of an axle: the Fiala polynomial of theta = stiffness tan(alpha)/limit; free of branches [N]."""
     t = min(abs(theta), KNOT)
-    return math.copysign(limit * left * t * (1 - t * (0.0668 + 0.1032 * t)), theta)
+    return math.copysign(peak * t * (1 - t * (0.0668 + 0.1032 * t)), theta)
 
 
 @compiled
-def _forces(model, held, vx, vy, yaw_rate):
+def _forces(model, c, vx, vy, yaw_rate):
     """Specific forces ax, ay [m/s2] and yaw acceleration [rad/s2] of the single track."""
-    cos_steer, sin_steer, front, rear, moment, limit_front, limit_rear, left_front, left_rear = held
     speed = max(vx, SLOWEST)
     vy_front = vy + model.lf * yaw_rate
-    tan_front = (speed * sin_steer - vy_front * cos_steer) / max(speed * cos_steer + vy_front * sin_steer, SLOWEST)
-    tan_rear = (model.lr * yaw_rate - vy) / speed
-    side_front = _lateral(tan_front, model.stiffness_front, limit_front, left_front)
-    side_rear = _lateral(tan_rear, model.stiffness_rear, limit_rear, left_rear)
-    across_front = side_front * cos_steer + front * sin_steer
-    ax = (front * cos_steer - side_front * sin_steer + rear) / model.mass
+    rolling = max(speed * c.cos_steer + vy_front * c.sin_steer, SLOWEST)
+    side_front = _lateral(c.slope_front * (speed * c.sin_steer - vy_front * c.cos_steer) / rolling, c.peak_front)
+    side_rear = _lateral(c.slope_rear * (model.lr * yaw_rate - vy) / speed, c.peak_rear)
+    across_front = side_front * c.cos_steer + c.front * c.sin_steer
+    ax = (c.front * c.cos_steer - side_front * c.sin_steer + c.rear) / model.mass
     ay = (across_front + side_rear) / model.mass
-    return ax, ay, (model.lf * across_front - model.lr * side_rear + moment) / model.yaw_inertia
+    return ax, ay, (model.lf * across_front - model.lr * side_rear + c.moment) / model.yaw_inertia
 
 
 @advance.register(SingleTrack)
 @compiled
 def _(model, states, u):
     # Heun's method: Euler's damping error at 10 ms would be as large as the tyre's uncertainty.
-    held = _held(model, u)
+    c = _commanded(model, u)
     h = model.dt
     out = np.empty_like(states)
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
-        ax, ay, dr = _forces(model, held, vx, vy, r)
+        ax, ay, dr = _forces(model, c, vx, vy, r)
         dvx, dvy = ax + vy * r, ay - vx * r
         wx, wy, q = vx + h * dvx, vy + h * dvy, r + h * dr
-        ax, ay, dq = _forces(model, held, wx, wy, q)
+        ax, ay, dq = _forces(model, c, wx, wy, q)
         out[0, j] = vx + 0.5 * h * (dvx + ax + wy * q)
         out[1, j] = vy + 0.5 * h * (dvy + ay - wx * q)
         out[2, j] = r + 0.5 * h * (dr + dq)
@@ -219,19 +231,19 @@ def _(model, states, u):
 @observe.register(SingleTrack)
 @compiled
 def _(model, states, u):
-    held = _held(model, u)
-    cos_steer, sin_steer = held[0], held[1]
+    c = _commanded(model, u)
+    per_radius = 1 / model.wheel_radius
     out = np.empty((7, states.shape[1]))
     half_front, half_rear = 0.5 * model.track_front, 0.5 * model.track_rear
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
-        ax, ay, _ = _forces(model, held, vx, vy, r)
+        ax, ay, _ = _forces(model, c, vx, vy, r)
         out[Y_AX, j], out[Y_AY, j], out[Y_YAW_RATE, j] = ax, ay, r
-        across = (vy + model.lf * r) * sin_steer
-        out[Y_WHEEL, j] = ((vx - half_front * r) * cos_steer + across) / model.wheel_radius
-        out[Y_WHEEL + 1, j] = ((vx + half_front * r) * cos_steer + across) / model.wheel_radius
-        out[Y_WHEEL + 2, j] = (vx - half_rear * r) / model.wheel_radius
-        out[Y_WHEEL + 3, j] = (vx + half_rear * r) / model.wheel_radius
+        across = (vy + model.lf * r) * c.sin_steer
+        out[Y_WHEEL, j] = ((vx - half_front * r) * c.cos_steer + across) * per_radius
+        out[Y_WHEEL + 1, j] = ((vx + half_front * r) * c.cos_steer + across) * per_radius
+        out[Y_WHEEL + 2, j] = (vx - half_rear * r) * per_radius
+        out[Y_WHEEL + 3, j] = (vx + half_rear * r) * per_radius
     return out
 
 
@@ -240,18 +252,18 @@ def _(model, states, u):
 def _(model, memory, u, y):
     # A braking wheel slips, and is slow to spin up again. If all brake, speed would hang on integrated ax alone and
     # run away, so that the fastest wheel stays, with a standard deviation of a few percent of slip.
-    variances = np.where(np.isnan(y), np.nan, model.variances)
-    memory = memory + model.dt
+    variances, after = np.empty(7), np.empty(4)
+    for i in range(7):
+        variances[i] = np.nan if math.isnan(y[i]) else model.variances[i]
     fastest, rolling = -1, False
     for i in range(4):
-        if u[U_BRAKE + i] > BRAKING:
-            memory[i] = 0.0
+        after[i] = 0.0 if u[U_BRAKE + i] > BRAKING else memory[i] + model.dt
         speed = y[Y_WHEEL + i]
         if math.isnan(speed):
             continue
         if fastest < 0 or speed > y[Y_WHEEL + fastest]:
             fastest = i
-        if memory[i] < model.brake_hold:
+        if after[i] < model.brake_hold:
             variances[Y_WHEEL + i] = np.nan
         else:
             rolling = True
@@ -259,11 +271,11 @@ def _(model, memory, u, y):
     if fastest >= 0 and not rolling:
         k = Y_WHEEL + fastest
         variances[k] = model.variances[k] + (model.brake_slip * y[k]) ** 2
-    return variances, memory
+    return variances, after
 
 
 @report.register(SingleTrack)
 @compiled
 def _(model, state, u):
-    ax, ay, _ = _forces(model, _held(model, u), state[0], state[1], state[2])
+    ax, ay, _ = _forces(model, _commanded(model, u), state[0], state[1], state[2])
     return np.array([state[0], state[1], state[2], ax, ay])

@@ -17,7 +17,7 @@ TRUE, SEEN, WANTED = "black", "C1", "C0"
 
 def reference_yaw_rate(log: Log, scenario: Scenario) -> np.ndarray:
     """What the stability control took the driver to want, from what it saw, (T,) [rad/s]."""
-    reference = StabilityControl().init(scenario.nominal).reference
+    reference = StabilityControl().reference(scenario.nominal)
     out, state = np.empty(len(log.time)), (0.0, 0.0)
     for k in range(len(log.time)):
         state = follow_reference(reference, *state, log.estimate[k, 0], log.estimate[k, 4], log.inputs[k, 0])

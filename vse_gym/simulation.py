@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
-from vse_gym.compiled import compiled
+from vse_gym.compiled import compiled, hold
 from vse_gym.controllers.base import Controller
 from vse_gym.estimators.base import Estimator
 from vse_gym.listener import Listener
@@ -67,13 +67,13 @@ INTEGRATORS = ("semi_implicit", "runge_kutta")
 
 
 @compiled
-def next_row(unit, geometry, vehicle, road, record, runge_kutta, substeps, h, memory, state, heard, held, velocity, k):
+def next_row(constants, runge_kutta, substeps, h, memory, state, heard, held, velocity, k):
     """One row's way from a demand to the next reading: brake unit, plant, sensors, in one call.
 
-    Three calls would pass the same constants three times, at 1 us each.
+    Three calls would pass the same arrays three times.
 
     Args:
-        unit, geometry, vehicle, road, record: Constants of the drive.
+        constants: hold((brake unit, geometry, vehicle, road, noise record)) of the drive.
         runge_kutta: Whether the reference integrator is used.
         substeps: Steps of the plant, of h seconds each.
         h: [s].
@@ -87,6 +87,7 @@ def next_row(unit, geometry, vehicle, road, record, runge_kutta, substeps, h, me
     Returns:
         memory, state, u (9,), y (7,), heard, as they are at step k.
     """
+    unit, geometry, vehicle, road, record = constants.value
     steer, drive, brake, added, release = held
     memory = brake_torques(unit, geometry, memory, brake, added, release, heard, velocity, steer, substeps * h)
     inputs = p.Inputs(steer, drive, memory[0])
@@ -149,6 +150,7 @@ class Simulation:
         s = self.scenario
         self.k, self.ended = 0, ""
         self.record: NoiseRecord = s.sensors.record(s.steps + 1, s.dt, seed)
+        self._constants = hold((s.brake_unit, self._geometry, s.vehicle, self.road, self.record))
         self.listener = Listener(self.estimator, s.nominal, stream(seed, "estimator"))
         self.state: Array = rolling_start(s.vehicle, s.manoeuvre.speed)
         self._driver_state = s.manoeuvre.init(s.nominal)
@@ -187,11 +189,7 @@ class Simulation:
         estimate = self.frame.estimate
         self.hand_wheel, self.steer, self.k = driver.hand_wheel, steer, self.k + 1
         self._unit, self.state, u, y, self.heard = next_row(
-            s.brake_unit,
-            self._geometry,
-            s.vehicle,
-            self.road,
-            self.record,
+            self._constants,
             s.integrator == "runge_kutta",
             s.substeps,
             s.substep,

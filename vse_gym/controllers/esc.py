@@ -2,15 +2,15 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from vse_gym.compiled import compiled
+from vse_gym.compiled import compiled, hold
 from vse_gym.controllers.allocation import allocate
 from vse_gym.controllers.base import Controller
 from vse_gym.models import Nominal
-from vse_gym.physics.parameters import GRAVITY, Geometry
+from vse_gym.physics.parameters import GRAVITY
 from vse_gym.types import NO_TORQUE, Array, BrakeDemand, Estimate, Reading
 
 DEG = math.pi / 180
@@ -55,15 +55,14 @@ class Law(NamedTuple):
 class EscState(NamedTuple):
     """Constants, and what the law remembers."""
 
-    reference: Reference
-    law: Law
-    geometry: Geometry
+    constants: Any  # reference, law and geometry, held by compiled code
     memory: Array  # reference yaw rate, envelope of |ay|, filtered sideslip rate, yaw moment, (4,)
 
 
 @compiled
-def stability_control(reference, law, g, memory, vx, vy, yaw_rate, ay, steer):
+def stability_control(constants, memory, vx, vy, yaw_rate, ay, steer):
     """One step of the law: brake torques to add (4,) [N m], and the memory after."""
+    reference, law, g = constants.value
     out = np.empty(4)
     out[0], out[1] = follow_reference(reference, memory[0], memory[1], vx, ay, steer)
     speed = max(vx, 1.0)
@@ -93,18 +92,21 @@ class StabilityControl(Controller):
     reference_lag: float = 0.06  # [s]
     envelope_release: float = 1.0  # [s]
 
+    def reference(self, nominal: Nominal) -> Reference:
+        """What the law takes the driver to want."""
+        lags = (self.understeer, nominal.friction, self.reference_lag, self.envelope_release, nominal.dt)
+        return Reference(nominal.vehicle.wheelbase, *map(float, lags))
+
     def init(self, nominal: Nominal) -> EscState:
-        lags = map(float, (self.understeer, nominal.friction, self.reference_lag, self.envelope_release, nominal.dt))
         gains = (self.yaw_gain, self.yaw_band, self.sideslip_gain, self.sideslip_band)
         law = Law(*map(float, (*gains, self.sideslip_rate_gain, self.sideslip_rate_lag)))
-        return EscState(Reference(nominal.vehicle.wheelbase, *lags), law, nominal.vehicle.geometry, np.zeros(4))
+        return EscState(hold((self.reference(nominal), law, nominal.vehicle.geometry)), np.zeros(4))
 
     def act(self, state: EscState, estimate: Estimate, reading: Reading) -> tuple[BrakeDemand, EscState]:
-        reference, law, g, memory = state
-        added, memory = stability_control(
-            reference, law, g, memory, estimate.vx, estimate.vy, estimate.yaw_rate, estimate.ay, reading.steer
-        )
-        return BrakeDemand(added, NO_TORQUE), EscState(reference, law, g, memory)
+        constants, memory = state
+        seen = (estimate.vx, estimate.vy, estimate.yaw_rate, estimate.ay, reading.steer)
+        added, memory = stability_control(constants, memory, *seen)
+        return BrakeDemand(added, NO_TORQUE), EscState(constants, memory)
 
 
 @dataclass(frozen=True)

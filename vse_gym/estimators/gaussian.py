@@ -5,20 +5,35 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from vse_gym.compiled import hold
 from vse_gym.estimators.base import Estimator
-from vse_gym.inference.gaussian import Extended, Unscented, filter_step
+from vse_gym.inference.gaussian import Extended, Unscented, filter_update
 from vse_gym.models import Nominal, SingleTrack, SingleTrackTuning
 from vse_gym.types import Array, Estimate, Reading
 
 
 class GaussianState(NamedTuple):
-    """A model, a belief over its state, and what the model remembers."""
+    """A model, and a belief over its state."""
 
     model: SingleTrack
-    mean: Array  # (n,)
-    cov: Array  # (n, n)
-    memory: Array  # (k,)
-    output: Array  # vx, vy, yaw rate, ax, ay, NIS, its degrees of freedom, (7,)
+    constants: Any  # rule and model, held by compiled code
+    belief: Array  # mean, cov, the model's memory and the output, flat: one array crosses faster than four
+
+    @property
+    def mean(self) -> Array:
+        """Of the model's state, (n,)."""
+        return self.belief[: self.model.prior_mean.size]
+
+    @property
+    def cov(self) -> Array:
+        """Of the model's state, (n, n)."""
+        n = self.model.prior_mean.size
+        return self.belief[n : n + n * n].reshape(n, n)
+
+    @property
+    def output(self) -> Array:
+        """vx, vy, yaw rate, ax, ay, NIS and its degrees of freedom, (7,)."""
+        return self.belief[-7:]
 
 
 @dataclass(frozen=True)
@@ -36,11 +51,12 @@ class GaussianFilter(Estimator):
         model = self.model.build(nominal)
         mean = model.prior_mean
         output = np.array([mean[0], mean[1], mean[2], 0.0, 0.0, np.nan, 0.0])
-        return GaussianState(model, mean, model.prior_cov, model.memory, output)
+        belief = np.concatenate((mean, model.prior_cov.ravel(), model.memory, output))
+        return GaussianState(model, hold((self.rule, model)), belief)
 
     def update(self, state: GaussianState, reading: Reading, rng: np.random.Generator) -> GaussianState:
-        model, mean, cov, memory, _ = state
-        return GaussianState(model, *filter_step(self.rule, model, mean, cov, memory, reading.inputs, reading.y))
+        model, constants, belief = state
+        return GaussianState(model, constants, filter_update(constants, belief, reading.inputs, reading.y))
 
     def estimate(self, state: GaussianState) -> Estimate:
         vx, vy, yaw_rate, ax, ay, _, _ = state.output.tolist()
@@ -50,7 +66,10 @@ class GaussianFilter(Estimator):
         return float(state.output[5]), float(state.output[6])
 
     def tell_friction(self, state: GaussianState, friction: float) -> GaussianState:
-        return state._replace(model=state.model._replace(friction=float(friction)))
+        if friction == state.model.friction:  # holding anew costs more than an update
+            return state
+        model = state.model._replace(friction=float(friction))
+        return GaussianState(model, hold((self.rule, model)), state.belief)
 
 
 @dataclass(frozen=True)

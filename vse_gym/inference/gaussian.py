@@ -62,6 +62,24 @@ def filter_step(rule, model, mean, cov, memory, u, y):
 
 
 @compiled
+def filter_update(constants, belief, u, y):
+    """As :func:`filter_step`, for callers in Python: constants held, and one flat belief instead of four arrays.
+
+    Args:
+        constants: ``hold((rule, model))``.
+        belief: mean, cov row by row, memory, output, one after the other.
+        u, y: Inputs and reading.
+    """
+    rule, model = constants.value
+    n = model.prior_mean.size
+    a, b, c = n, n + n * n, n + n * n + model.memory.size
+    out = np.empty(belief.size)
+    mean, cov, memory, output = filter_step(rule, model, belief[:a], belief[a:b].reshape(n, n), belief[b:c], u, y)
+    out[:a], out[a:b], out[b:c], out[c:] = mean, cov.ravel(), memory, output
+    return out
+
+
+@compiled
 def filter_drive(rule, model, mean, cov, memory, inputs, readings):
     """A whole recorded drive in one call: inputs (T, k) and readings (T, m) to means (T, n) and covs (T, n, n)."""
     steps, n = readings.shape[0], mean.size
