@@ -10,7 +10,6 @@ from vse_gym.inference.particle import bootstrap_step, draw
 from vse_gym.models import Nominal, SingleTrack, SingleTrackTuning
 from vse_gym.types import Array, Estimate, Reading
 
-
 # Found as benchmarks/search_defaults.py describes, with the budget that the Kalman filters had. Theirs starves a
 # bootstrap filter: among particles spread by that much process noise, a good gyro would leave a handful alive.
 TUNING = SingleTrackTuning(
