@@ -109,7 +109,9 @@ def test_draws_stay_within_what_is_written():
     drawn = [cell.scenario(RANDOM, seed) for seed in range(200)]
     told = drawn[0].nominal.vehicle
     mass = np.array([s.vehicle.mass for s in drawn]) / told.mass
-    stiffness = np.array([s.vehicle.front_tyre.cornering_stiffness for s in drawn]) / told.front_tyre.cornering_stiffness
+    stiffness = (
+        np.array([s.vehicle.front_tyre.cornering_stiffness for s in drawn]) / told.front_tyre.cornering_stiffness
+    )
     steer = np.degrees([s.manoeuvre.amplitude for s in drawn])
     assert mass.min() >= 1 and mass.max() <= 1.25 and np.ptp(mass) > 0.2
     assert stiffness.min() >= 0.75 and stiffness.max() <= 1 and np.ptp(stiffness) > 0.2
@@ -214,3 +216,23 @@ def test_without_the_extra_report_the_tables_are_written_all_the_same(runs, tmp_
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     write(runs, tmp_path, "a command")
     assert {path.name for path in tmp_path.iterdir()} == {"runs.parquet", "table.md"}
+
+
+def test_an_estimator_whose_init_raises_is_a_row_too():
+    @dataclass(frozen=True)
+    class NeverBegins(Breaks):
+        def init(self, nominal, rng):
+            raise RuntimeError("no model")
+
+    log = rollout(scenario("straight_driving"), NeverBegins(), "esc", 0)
+    assert log.ended == "raised RuntimeError: no model"
+    assert not scenario("straight_driving").manoeuvre.judge(log, scenario("straight_driving").nominal).passed
+
+
+def test_a_drive_that_ended_early_fails_whatever_its_figures():
+    drive = scenario("straight_driving")
+    log = rollout(drive, Breaks(), "none", 0)
+    verdict = drive.manoeuvre.judge(log, drive.nominal)
+    assert drive.manoeuvre.verdict(log, drive.nominal).passed
+    assert not verdict.passed
+    assert "ZeroDivisionError" in verdict.criteria[-1].name

@@ -78,7 +78,7 @@ def run(
         raise _refuse(error) from None
     if not len(log.time):
         raise _refuse(RuntimeError(f"the drive never began: {log.ended}"))
-    verdict = drive.manoeuvre.verdict(log, drive.nominal)
+    verdict = drive.manoeuvre.judge(log, drive.nominal)
     title = f"{manoeuvre}, {vehicle}, {controller} with {estimator}, {sensors} sensors, seed {seed}"
     table = Table("", "figure", "limit", title=title, title_justify="left")
     for c in verdict.criteria:
@@ -89,9 +89,7 @@ def run(
     for name, metric in metrics.METRICS.items():
         table.add_row(name, f"{metric(log):.2f}", "")
     screen.print(table)
-    passed = verdict.passed and not log.ended
-    early = f", ended after {log.time[-1]:.2f} s: {log.ended}" if log.ended else ""
-    screen.print(f"verdict: {'[green]passed[/green]' if passed else '[red]failed[/red]'}{early}")
+    screen.print(f"verdict: {'[green]passed[/green]' if verdict.passed else '[red]failed[/red]'}")
     if plot is not None:
         from vse_gym.picture import draw
 

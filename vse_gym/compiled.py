@@ -9,7 +9,10 @@ chooses its body by the *type* of its first argument, a NamedTuple of parameters
 import hashlib
 import inspect
 import os
+import shutil
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from types import SimpleNamespace
@@ -48,6 +51,18 @@ def cache_folder() -> Path:
         os.environ.get("VSE_GYM_CACHE") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vse-gym"
     )
     return Path(base) / f"kernels-{_digest}"
+
+
+def _forget_old_code() -> None:
+    """Every change of a kernel leaves a folder behind; those unused for a month go when a new one begins."""
+    if not cache_folder().exists():
+        for folder in cache_folder().parent.glob("kernels-*"):
+            with suppress(OSError):
+                if time.time() - folder.stat().st_mtime > 30 * 24 * 3600:
+                    shutil.rmtree(folder)
+
+
+_forget_old_code()
 
 
 def _enable_cache(dispatcher: Any) -> None:

@@ -236,8 +236,7 @@ def _loop(scenario: Scenario, cell: Cell, log: Log, truth: Log) -> dict[str, Any
     out: dict[str, Any] = {"loop_ended": log.ended, "loop_filled": " ".join(log.filled), "loop_passed": False}
     if not len(log.time):  # an estimator that raises on the first reading has no drive to measure
         return out | _regret(metrics.ENDED_BADLY)
-    verdict = scenario.manoeuvre.verdict(log, scenario.nominal)
-    out["loop_passed"] = verdict.passed and not log.ended
+    out["loop_passed"] = scenario.manoeuvre.judge(log, scenario.nominal).passed
     for name, metric in metrics.METRICS.items():
         value, reference = metric(log), metric(truth)
         out |= {f"loop_{name}": value, f"loop_{name}_diff": value - reference}

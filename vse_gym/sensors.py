@@ -5,7 +5,7 @@ estimator does, at one seed it meets the same draws, silences and bursts as its 
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -92,12 +92,19 @@ class Sensors:
 
     def __post_init__(self) -> None:
         contamination(self.alpha)
-        for name in ("acceleration_range", "yaw_rate_range"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
-        for name in ("acceleration_bias", "yaw_rate_bias", "silence_rate", "burst_rate"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} must not be negative, not {getattr(self, name)}")
+        wrong = [name for name in ("acceleration_range", "yaw_rate_range") if not getattr(self, name) > 0]
+        if wrong:
+            raise ValueError(f"{wrong[0]} must be positive, not {getattr(self, wrong[0])}")
+        numbers = {f"sheet.{name}": value for name, value in self.sheet._asdict().items()}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, tuple) and not isinstance(value, DataSheet):
+                numbers[field.name] = min(value)
+            elif isinstance(value, float | int):
+                numbers[field.name] = value
+        for name, value in numbers.items():
+            if not value >= 0:
+                raise ValueError(f"{name} must not be negative, not {value}")
 
     def record(self, steps: int, dt: float, seed: int) -> "NoiseRecord":
         """Everything that will happen to the readings of one run of that many steps."""

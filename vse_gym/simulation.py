@@ -67,7 +67,7 @@ INTEGRATORS = ("semi_implicit", "runge_kutta")
 
 
 @compiled
-def next_row(constants, runge_kutta, substeps, h, memory, state, heard, held, velocity, k):
+def next_row(constants, runge_kutta, substeps, h, memory, state, heard, steer, held, velocity, k):
     """One row's way from a demand to the next reading: brake unit, plant, sensors, in one call.
 
     Three calls would pass the same arrays three times.
@@ -80,7 +80,8 @@ def next_row(constants, runge_kutta, substeps, h, memory, state, heard, held, ve
         memory: Of the brake unit, (1 + delay steps, 4).
         state: Of the plant, (STATE_SIZE,).
         heard: Last valid value of each channel, (7,).
-        held: Road-wheel angle; the driver's drive and brake torques, what is added and released, each (4,).
+        steer: Road-wheel angle [rad].
+        held: The driver's drive and brake torques, what is added and released, (4, 4).
         velocity: Estimated vx, vy, yaw rate.
         k: Step of the reading.
 
@@ -88,9 +89,8 @@ def next_row(constants, runge_kutta, substeps, h, memory, state, heard, held, ve
         memory, state, u (9,), y (7,), heard, as they are at step k.
     """
     unit, geometry, vehicle, road, record = constants.value
-    steer, drive, brake, added, release = held
-    memory = brake_torques(unit, geometry, memory, brake, added, release, heard, velocity, steer, substeps * h)
-    inputs = p.Inputs(steer, drive, memory[0])
+    memory = brake_torques(unit, geometry, memory, held[1], held[2], held[3], heard, velocity, steer, substeps * h)
+    inputs = p.Inputs(steer, held[0], memory[0])
     if runge_kutta:
         state = advance_reference(vehicle, road, state, inputs, substeps, h)
     else:
@@ -157,7 +157,8 @@ class Simulation:
         self._unit = released_brakes(s.brake_unit, s.dt)
         self.hand_wheel, self.steer = 0.0, 0.0
         rest = p.Inputs(0.0, NO_TORQUE, NO_TORQUE)
-        u, y, self.heard = read_sensors(self.record, 0, self.state, rest, np.zeros(7))
+        silent = np.concatenate((np.zeros(3), self.state[p.WHEEL_SPEEDS]))  # a sensor unheard of is no locked wheel
+        u, y, self.heard = read_sensors(self.record, 0, self.state, rest, silent)
         return self._sense(Reading(0.0, u, y))
 
     @property
@@ -196,7 +197,8 @@ class Simulation:
             self._unit,
             self.state,
             self.heard,
-            (steer, driver.drive, driver.brake, demand.added, demand.release),
+            steer,
+            np.array((driver.drive, driver.brake, demand.added, demand.release), dtype=float),
             (estimate.vx, estimate.vy, estimate.yaw_rate),
             self.k,
         )
@@ -232,6 +234,7 @@ def rollout(scenario: Scenario, estimator: str | Estimator, controller: str | Co
     simulation, law = Simulation(scenario, estimator), CONTROLLERS.make(controller)
     book = _Book(scenario.steps + 1)
     ended = ""
+    filled: tuple[str, ...] = ()
     demand, state = NO_BRAKE, law.init(scenario.nominal)
     try:
         frame = simulation.reset(seed)
@@ -239,11 +242,12 @@ def rollout(scenario: Scenario, estimator: str | Estimator, controller: str | Co
             demand, state = law.act(state, frame.estimate, frame.reading)
             book.write(simulation, frame, demand)
             if simulation.done:
+                filled = simulation.listener.filled
                 break
             frame = simulation.step(demand)
     except Exception as error:  # a broken estimator is a row with its reason, not the end of a benchmark
         ended = f"raised {type(error).__name__}: {error}"
-    return book.close(ended or simulation.ended, simulation.listener.filled)
+    return book.close(ended or simulation.ended, filled)
 
 
 class _Book:

@@ -35,6 +35,8 @@ def allocate(g, moment, vx, yaw_rate, steer):
         arm = 0.5 * g.track_front * math.cos(steer) + (-lean if left else lean)
         if arm > 0.1:
             torques[front] = min(g.brake_cap_front, demand / arm * g.wheel_radius)
+            if torques[front] < g.brake_cap_front:
+                return torques  # nothing remains, and no rounding either
             demand -= torques[front] * arm / g.wheel_radius
     torques[rear] = min(g.brake_cap_rear, demand / rear_arm * g.wheel_radius)
     return torques

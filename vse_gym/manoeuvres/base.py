@@ -100,4 +100,12 @@ class Manoeuvre(ABC):
 
     @abstractmethod
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
-        """The standard's criteria, each with its figure and limit."""
+        """The standard's criteria, each with its figure and limit, of a drive that has begun."""
+
+    def judge(self, log: Log, nominal: Nominal) -> Verdict:
+        """The verdict of any drive: one that ended early fails, whatever its figures."""
+        criteria = self.verdict(log, nominal).criteria if len(log.time) else ()
+        if log.ended:
+            when = float(log.time[-1]) if len(log.time) else 0.0
+            criteria += (Criterion(f"driven to the end ({log.ended})", when, self.duration, "s", at_least=True),)
+        return Verdict(criteria)

@@ -37,8 +37,8 @@ SPEED_FLOOR = 0.5  # slip is taken relative to at least this speed [m/s]
 DERIVATIVES = 14  # how many states have a derivative: all but the outputs
 
 # Columns of the scratch table of one force evaluation, a row per wheel.
-FX, FY, MZ, STIFFNESS, LOAD, ARM_X, ARM_Y, COS, SIN = range(9)
-CONTACT = 9
+FX, FY, MZ, STIFFNESS, LOAD, ARM_X, ARM_Y, COS, SIN, SLIP = range(10)
+CONTACT = 10
 
 
 @compiled
@@ -111,6 +111,7 @@ def contact(vehicle, road, x, steer, wheels):
         else:
             fx, fy, mz, slope = tyre_force(vehicle.rear_tyre, kappa, tan_alpha, load, friction)
         wheels[i, FX], wheels[i, FY], wheels[i, MZ], wheels[i, STIFFNESS] = fx, fy, mz, slope * base
+        wheels[i, SLIP] = vehicle.wheel_radius * x[WHEEL + i] - v
         wheels[i, LOAD], wheels[i, ARM_X], wheels[i, ARM_Y], wheels[i, COS], wheels[i, SIN] = load, px, py, c, s
 
 
@@ -217,6 +218,19 @@ def advance_reference(vehicle, road, state, inputs, steps, h):
 
 
 @compiled
+def _end_force(force, stiffness, slip, push, compliance):
+    """Force at the end of a step in which the slip velocity, left to itself, would change by push.
+
+    The tangent, unless it carries the slip velocity through zero: a sliding tyre has no tangent, and friction alone
+    would turn slip round for ever. Then the secant, which never lets friction overshoot.
+    """
+    change = push / (1 + compliance * stiffness)
+    if slip * (slip + change) < 0:
+        stiffness = max(stiffness, force / slip)
+    return force + stiffness * push / (1 + compliance * stiffness)
+
+
+@compiled
 def _settle_wheels(vehicle, x, inputs, h, ax, ay, yaw_acceleration, wheels):
     """Turn the wheels on by h, and replace each FX by its value at the end of the step.
 
@@ -231,17 +245,17 @@ def _settle_wheels(vehicle, x, inputs, h, ax, ay, yaw_acceleration, wheels):
         dv = (dvx - yaw_acceleration * wheels[i, ARM_Y]) * c + (dvy + yaw_acceleration * wheels[i, ARM_X]) * s
         force, stiffness, speed = wheels[i, FX], wheels[i, STIFFNESS], x[WHEEL + i]
         drive, brake = inputs.drive[i], inputs.brake[i]
-        share = h * stiffness * 4 / vehicle.mass
+        share = 4 * h / vehicle.mass
         direction = 1.0
         if brake > 0:
-            held = force - stiffness * h * dv / (1 + share)  # FX' if the wheel stands still
+            held = _end_force(force, stiffness, wheels[i, SLIP], -h * dv, share)  # FX' if the wheel stands still
             direction = brake_direction(speed, drive - radius * held, brake)
             if direction == 0.0:
                 wheels[i, FX] = held
                 continue
         torque = drive - direction * brake
         push = h * (radius * (torque - radius * force) / inertia - dv)
-        force += stiffness * push / (1 + share + h * stiffness * radius * radius / inertia)
+        force = _end_force(force, stiffness, wheels[i, SLIP], push, share + h * radius * radius / inertia)
         after = speed + h * (torque - radius * force) / inertia
         if brake > 0 and speed * after < 0:
             after = 0.0

@@ -153,7 +153,7 @@ def road(*segments: tuple[float, float], slope: float = 0.0, bank: float = 0.0) 
     """
     start = np.array([s for s, _ in segments], dtype=float)
     friction = np.array([mu for _, mu in segments], dtype=float)
-    if not segments or start[0] != 0 or np.any(np.diff(start) <= 0):
+    if not segments or start[0] != 0 or not np.all(np.diff(start) > 0):
         raise ValueError(f"a road's segments start at 0 m and increase, not at {start.tolist()}")
     if not np.all((friction > 0) & (friction <= 2)):
         raise ValueError(f"friction must lie in (0, 2], not {friction.tolist()}")
@@ -177,8 +177,8 @@ def check_vehicle(vehicle: Vehicle) -> Vehicle:
     may_be_zero = {"height", "front_tyre.trail", "rear_tyre.trail"}
     wrong = []
     for name, value in numbers.items():
-        if not np.isfinite(value):
-            wrong.append(f"{name} = {value} is not finite")
+        if isinstance(value, bool | str) or not np.isfinite(value):
+            wrong.append(f"{name} = {value!r} is not a finite number")
         elif name in shares and not 0 <= value <= 1:
             wrong.append(f"{name} = {value} must lie in [0, 1]")
         elif name in may_be_zero and value < 0:

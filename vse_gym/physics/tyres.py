@@ -67,7 +67,8 @@ def _(tyre, kappa, tan_alpha, load, friction):
     u = math.sqrt(ux * ux + uy * uy) + TINY  # so that a rolling tyre has a direction too
     p, dp = polynomial(u)
     cx, cy = ux / u, uy / u
-    slope = tyre.slip_stiffness * (dp * cx * cx + p / u * cy * cy)
+    secant = p / u
+    slope = tyre.slip_stiffness * (secant + (dp - secant) * cx * cx)
     return limit * p * cx, limit * p * cy, 0.0, slope
 
 

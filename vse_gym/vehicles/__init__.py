@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from vse_gym.physics.parameters import TYRES, Vehicle, check_vehicle
+from vse_gym.registry import UnknownNameError
 
 FOLDER = Path(__file__).parent
 
@@ -18,14 +19,16 @@ def load(vehicle: str | Path | Vehicle) -> Vehicle:
     """A car by its name, from a TOML file of yours, or as it is; its numbers are checked.
 
     Raises:
-        KeyError: If no car has that name; the message names those that exist.
+        UnknownNameError: If no car has that name; the message names those that exist.
         ValueError: If a field is missing, unknown or out of range.
     """
     if isinstance(vehicle, Vehicle):
         return check_vehicle(vehicle)
     path = Path(vehicle) if str(vehicle).endswith(".toml") else FOLDER / f"{vehicle}.toml"
     if not path.is_file():
-        raise KeyError(f"no vehicle named {str(vehicle)!r}; known: {', '.join(names())}, or the path of a .toml file")
+        raise UnknownNameError(
+            f"no vehicle named {str(vehicle)!r}; known: {', '.join(names())}, or the path of a .toml file"
+        )
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     for axle in ("front_tyre", "rear_tyre"):
         table[axle] = _tyre(path.name, axle, table.get(axle, {}))
