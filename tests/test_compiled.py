@@ -1,7 +1,9 @@
 """Generics pick their body by type, and no cached machine code outlives the source it was made of."""
 
+import copy
 import json
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -12,7 +14,8 @@ import numpy as np
 import pytest
 
 import vse_gym.compiled as machinery
-from vse_gym.compiled import compiled, generic
+from vse_gym.compiled import compiled, generic, hold
+from vse_gym.inference.gaussian import Unscented
 
 PACKAGE = Path(machinery.__file__).parent
 
@@ -97,6 +100,46 @@ def test_a_kernel_compiles_where_no_cache_can_be_written(place, tmp_path, monkey
         return x + 1.0
 
     assert successor(1.0) == 2.0
+
+
+def test_only_old_folders_of_its_own_making_are_thrown_away(tmp_path, monkeypatch):
+    # VSE_GYM_CACHE may be any folder, with anything else in it.
+    monkeypatch.setenv("VSE_GYM_CACHE", str(tmp_path))
+    old, new, foreign = (tmp_path / f"kernels-{name}" for name in ("0123456789abcdef", "fedcba9876543210", "of-linux"))
+    for folder in (old, new, foreign):
+        folder.mkdir()
+        (folder / "file").write_text("")
+    for folder in (old, foreign):
+        os.utime(folder, (0, 0))
+    machinery._forget_old_code()
+    assert not old.exists()
+    assert new.exists()
+    assert foreign.exists()
+
+
+# -- constants that compiled code holds -------------------------------------------------------------------------------
+
+
+@compiled
+def spread(held):
+    rule, points = held.value
+    return rule.alpha * points.sum()
+
+
+# Of the package's own types: kernels for them may stay in the package's cache.
+CONSTANTS = Unscented(alpha=0.5), np.array([1.0, 2.0])
+
+
+def test_what_is_held_arrives_in_a_kernel():
+    assert spread(hold(CONSTANTS)) == 1.5
+
+
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda held: pickle.loads(pickle.dumps(held))])
+def test_what_is_held_can_be_copied_and_saved(again):
+    held = again(hold(CONSTANTS))
+    assert held.value[0] == CONSTANTS[0]
+    np.testing.assert_array_equal(held.value[1], CONSTANTS[1])
+    assert spread(held) == 1.5
 
 
 # -- across processes: a copy of the package with two kernel files of its own, one of which calls the other ------------
@@ -205,6 +248,42 @@ def test_an_edit_of_a_foreign_model_is_seen_and_no_edit_is_read_from_the_cache(c
     after, other_folder, hits = run_copy(WITH_MODEL, copied)
     assert (after, hits) == (8.0, 0)
     assert other_folder != folder
+
+
+HOLDS_ITS_OWN = """
+from typing import NamedTuple
+from vse_gym.compiled import hold
+
+class Mine(NamedTuple):
+    x: float
+
+def value():
+    return hold(Mine(1.0)).value.x
+"""
+
+HOLDS_OURS = """
+import json
+from vse_gym.compiled import hold
+from vse_gym.inference.gaussian import Extended
+print(json.dumps(hold(Extended(1.0)).value.step))
+"""
+
+
+def test_one_programs_types_do_not_stop_another_program_that_shares_the_cache(copied):
+    # The cache's index names the types that a kernel was compiled for; the other program cannot import ``mine``.
+    (copied / "mine.py").write_text(HOLDS_ITS_OWN)
+    assert run_copy("import mine; print(mine.value())", copied) == 1.0
+    (copied / "mine.py").unlink()
+    assert run_copy(HOLDS_OURS, copied) == 1.0
+
+
+def test_a_foreign_model_may_move_to_another_module(copied):
+    # The same text under another name: the digest of the file is the same, the name in the cache's index is not.
+    (copied / "vse_gym" / "inner.py").write_text(INNER.format(factor="2.0"))
+    (copied / "foreign.py").write_text(FOREIGN.format(factor="7.0"))
+    assert run_copy(WITH_MODEL, copied)[0] == 14.0
+    (copied / "foreign.py").rename(copied / "moved.py")
+    assert run_copy(WITH_MODEL.replace("from foreign", "from moved"), copied)[0] == 14.0
 
 
 DIVISION = """

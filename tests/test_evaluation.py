@@ -123,7 +123,7 @@ def test_a_seed_whose_truth_drive_ends_badly_is_replaced_and_counted():
     # 270 deg without control spins: no seed can serve, and the study says which cell is at fault
     study = short(amplitude_deg=270, friction=0.9, duration=6.0)
     cell = Cell("hopeless", "sine_with_dwell", controller="none", settings=study.cells[0].settings)
-    with pytest.raises(ValueError, match="hopeless.*spin"):
+    with pytest.raises(ValueError, match=r"hopeless.*spin"):
         run_cell(study, cell, 0, {"ekf": ExtendedKalmanFilter()})
     assert evaluate(short())["replaced"].sum() == 0
 

@@ -6,6 +6,7 @@ digest of every kernel source. And functions handed to kernels as arguments are 
 chooses its body by the *type* of its first argument, a NamedTuple of parameters, which is cached.
 """
 
+import atexit
 import hashlib
 import inspect
 import os
@@ -55,8 +56,11 @@ def cache_folder() -> Path:
 
 def _forget_old_code() -> None:
     """Every change of a kernel leaves a folder behind; those unused for a month go when a new one begins."""
-    if not cache_folder().exists():
-        for folder in cache_folder().parent.glob("kernels-*"):
+    if cache_folder().exists():
+        with suppress(OSError):
+            os.utime(cache_folder())  # in use
+    else:
+        for folder in cache_folder().parent.glob("kernels-" + 16 * "[0-9a-f]"):
             with suppress(OSError):
                 if time.time() - folder.stat().st_mtime > 30 * 24 * 3600:
                     shutil.rmtree(folder)
@@ -80,7 +84,7 @@ def _enable_cache(dispatcher: Any) -> None:
 
 
 def _is_ours(function: Callable[..., Any]) -> bool:
-    return Path(inspect.getfile(inspect.unwrap(function))).is_relative_to(_PACKAGE)
+    return _source_file(function).is_relative_to(_PACKAGE)
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -96,12 +100,39 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     return dispatcher  # type: ignore[no-any-return]
 
 
-def _include_in_digest(path: Path) -> None:
-    """Kernels specialised for a foreign model hold its machine code: key the cache by its source too."""
+_foreign: set[type] = set()
+
+
+def _include_in_digest(kind: type, path: Path) -> None:
+    """Kernels specialised for a foreign type hold its machine code and name its module: a cache folder of its own."""
     global _digest
-    _digest = hashlib.blake2b(_digest.encode() + path.read_bytes(), digest_size=8).hexdigest()
+    if kind in _foreign:
+        return
+    _foreign.add(kind)
+    typed_in = not path.is_file()  # into an interpreter: no source to tell its versions apart, so no process shares it
+    source = os.urandom(8) if typed_in else path.read_bytes()
+    name = f"{_digest}/{kind.__module__}.{kind.__qualname__}"
+    _digest = hashlib.blake2b(name.encode() + source, digest_size=8).hexdigest()
+    if typed_in:
+        atexit.register(shutil.rmtree, cache_folder(), ignore_errors=True)
     for dispatcher in _dispatchers:
         _enable_cache(dispatcher)
+
+
+def _source_file(thing: Any) -> Path:
+    """The file that defines a function or a class; of a class typed into an interpreter, one that does not exist."""
+    try:
+        return Path(inspect.getfile(inspect.unwrap(thing)))
+    except (OSError, TypeError):
+        return Path("<typed in>")
+
+
+def _include_types_of(value: Any) -> None:
+    if isinstance(value, tuple):
+        if hasattr(value, "_fields") and not type(value).__module__.startswith("vse_gym."):
+            _include_in_digest(type(value), _source_file(type(value)))
+        for part in value:
+            _include_types_of(part)
 
 
 class GenericFunction(Generic[P, R]):
@@ -128,7 +159,7 @@ class GenericFunction(Generic[P, R]):
         def add(body: Callable[..., R]) -> Callable[..., R]:
             source = getattr(body, "py_func", body)
             if not _is_ours(source):
-                _include_in_digest(Path(inspect.getfile(source)))
+                _include_in_digest(kind, _source_file(source))
             self.bodies[kind] = body
             return body
 
@@ -150,7 +181,8 @@ def generic(declaration: Callable[P, R]) -> Any:
     @overload(dispatch, strict=False, inline="always", jit_options={"error_model": "numpy", "nogil": True})
     def choose(first, *rest):
         if isinstance(first, types.BaseNamedTuple):
-            return table.body(first.instance_class).py_func  # type: ignore[attr-defined]
+            body = table.body(first.instance_class)  # type: ignore[attr-defined]
+            return getattr(body, "py_func", body)
         return None
 
     dispatch.register = table.register  # type: ignore[attr-defined]
@@ -189,6 +221,7 @@ def hold(value: Any) -> Any:
     """
     if config.DISABLE_JIT:
         return SimpleNamespace(value=value)
+    _include_types_of(value)
     held = _hold(value)
     held.value = value  # for Python's eyes: copying, pickling
     return held

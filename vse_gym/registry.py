@@ -39,6 +39,9 @@ class Registry(Mapping[str, type[T]], Generic[T]):
         found: type[T] = resolve_name(paths[name])
         return found
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._paths()  # without importing the class
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._paths())
 

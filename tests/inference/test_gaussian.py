@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from vse_gym.inference.gaussian import Extended, Unscented, correct, filter_drive, filter_step, predict
+from vse_gym.compiled import hold
+from vse_gym.inference.gaussian import Extended, Unscented, correct, filter_drive, filter_step, filter_update, predict
 from vse_gym.inference.model import advance, attend, observe
 from vse_gym.models import SingleTrackTuning
 from vse_gym.simulation import rollout, scenario
@@ -74,6 +75,18 @@ def test_a_drive_in_one_call_is_the_same_as_its_steps(rule, linear, linear_drive
         *belief, _ = filter_step(rule, linear, *belief, u, y)
         np.testing.assert_array_equal(means[k], belief[0])
         np.testing.assert_array_equal(covs[k], belief[1])
+
+
+@rules
+def test_a_flat_belief_is_updated_like_its_parts(rule, linear, linear_drive):
+    constants, parts = hold((rule, linear)), (linear.prior_mean, linear.prior_cov, linear.memory)
+    belief = np.concatenate([*map(np.ravel, parts), np.zeros(7)])
+    for u, y in zip(linear_drive.inputs, linear_drive.readings, strict=True):
+        before = belief.copy()
+        belief, old = filter_update(constants, belief, u, y), belief
+        *parts, output = filter_step(rule, linear, *parts, u, y)
+        np.testing.assert_array_equal(belief, np.concatenate([*map(np.ravel, parts), output]))
+        np.testing.assert_array_equal(old, before)
 
 
 # -- the car, which filterpy's code filters too -----------------------------------------------------------------------

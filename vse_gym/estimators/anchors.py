@@ -41,6 +41,20 @@ class Truth(Estimator):
         nominal, inner = state
         return nominal, None if self.inner is None else self.inner.update(inner, reading, rng)
 
+    def innovation(self, state: tuple[Nominal, object]) -> tuple[float, float]:
+        return super().innovation(state) if self.inner is None else self.inner.innovation(state[1])
+
+    def effective_size(self, state: tuple[Nominal, object]) -> float:
+        return super().effective_size(state) if self.inner is None else self.inner.effective_size(state[1])
+
+    @property
+    def told_friction(self) -> bool:
+        return self.inner is not None and self.inner.told_friction
+
+    def tell_friction(self, state: tuple[Nominal, object], friction: float) -> tuple[Nominal, object]:
+        nominal, inner = state
+        return nominal, None if self.inner is None else self.inner.tell_friction(inner, friction)
+
     def estimate(self, state: tuple[Nominal, object]) -> Estimate:
         nominal, inner = state
         return Estimate(nominal.speed) if self.inner is None else self.inner.estimate(inner)

@@ -1,7 +1,7 @@
 """What every estimator is."""
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +14,6 @@ class Estimator(ABC):
 
     An estimator knows ``Nominal`` and readings, nothing else. Randomness comes from ``rng`` alone.
     """
-
-    told_friction: ClassVar[bool] = False  # True: the loop calls tell_friction with the road's true friction
 
     @abstractmethod
     def init(self, nominal: Nominal, rng: np.random.Generator) -> Any:
@@ -36,6 +34,11 @@ class Estimator(ABC):
     def effective_size(self, state: Any) -> float:
         """Effective sample size of the last update [-]; NaN for who has no particles."""
         return float("nan")
+
+    @property
+    def told_friction(self) -> bool:
+        """Whether the loop shall call ``tell_friction`` with the road's true friction; a row's name must say so."""
+        return False
 
     def tell_friction(self, state: Any, friction: float) -> Any:
         """The state after being told the road's friction; only rows whose name says so are told."""

@@ -83,7 +83,9 @@ class ExtendedKalmanFilter(GaussianFilter):
 class ToldExtendedKalmanFilter(ExtendedKalmanFilter):
     """The extended Kalman filter, told the friction of the road under the car: what knowing it would be worth."""
 
-    told_friction: ClassVar[bool] = True
+    @property
+    def told_friction(self) -> bool:
+        return True
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,8 @@ import math
 
 from vse_gym.compiled import compiled
 
+SINGULAR = 1e-15  # a pivot this small beside its diagonal entry is rounding
+
 
 @compiled
 def symmetrise(a):
@@ -17,29 +19,29 @@ def symmetrise(a):
 def cholesky(a, factor):
     """Lower factor L of a symmetric matrix, a = L L^T, into ``factor``; says whether a is positive definite.
 
-    A matrix that is not is factored as if each failing pivot were 1e-12 of its largest diagonal entry (at least
-    1e-300), the closest that keeps a sigma-point filter alive; the caller counts or raises.
+    In one that is not, the columns of failing pivots are left out, but for 1e-12 of the matrix's own diagonal entry
+    (at least 1e-300): near a matrix that is singular only, and enough to keep a sigma-point filter alive.
     """
     n = a.shape[0]
     positive = True
-    floor = 1e-300
-    for i in range(n):
-        floor = max(floor, 1e-12 * a[i, i])
     for j in range(n):
         pivot = a[j, j]
         for k in range(j):
             pivot -= factor[j, k] * factor[j, k]
-        if not pivot > 0.0:
+        for i in range(j):
+            factor[i, j] = 0.0
+        if not pivot > SINGULAR * a[j, j]:
             positive = False
-            pivot = floor
+            factor[j, j] = math.sqrt(max(1e-300, 1e-12 * abs(a[j, j])))
+            for i in range(j + 1, n):
+                factor[i, j] = 0.0
+            continue
         factor[j, j] = math.sqrt(pivot)
         for i in range(j + 1, n):
             total = a[i, j]
             for k in range(j):
                 total -= factor[i, k] * factor[j, k]
             factor[i, j] = total / factor[j, j]
-        for i in range(j):
-            factor[i, j] = 0.0
     return positive
 
 

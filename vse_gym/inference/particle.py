@@ -103,19 +103,22 @@ def bootstrap_step(model, states, weights, memory, u, y, share, resample_below, 
     diffuse(states, model.process_cov, rng)
     variances, memory = attend(model, memory, u, y)
     logs = log_likelihood(observe(model, states, u), y, variances, share)
-    peak = logs[0]
+    peak = -math.inf
     for j in range(size):
+        logs[j] = logs[j] + math.log(weights[j]) if weights[j] > 0.0 else -math.inf
         peak = max(peak, logs[j])
     after = np.empty(size)
     total = 0.0
     for j in range(size):
-        after[j] = weights[j] * math.exp(logs[j] - peak)
+        after[j] = math.exp(logs[j] - peak)
         total += after[j]
     mean = np.zeros(n)
     squares = 0.0
     for j in range(size):
         after[j] /= total
         squares += after[j] * after[j]
+        if after[j] == 0.0:  # it may have left the range of floats, and 0 times infinity would spoil the sums
+            states[:, j] = 0.0
     for i in range(n):
         row = states[i]
         value = 0.0
