@@ -88,13 +88,13 @@ def test_cholesky_says_what_is_singular_or_not_a_number(matrix):
 def test_cholesky_replaces_a_failing_pivot_by_a_small_one():
     factor, positive = factored(np.diag([4.0, -1.0]))
     assert not positive
-    np.testing.assert_allclose(factor @ factor.T, np.diag([4.0, 4e-12]), rtol=1e-12)
+    np.testing.assert_allclose(factor @ factor.T, np.diag([4.0, 1e-12]), rtol=1e-12)
 
 
 @example(9.6 * np.outer([1.0, 1.0, -1.2, -1.5], [1.0, 1.0, -1.2, -1.5]))  # one source of noise moves four states
 @given(singular())
 def test_cholesky_of_a_singular_covariance_is_near_it(matrix):
-    # Its sigma points must still spread like it. A failing pivot adds 1e-12 of the largest variance; the rounding
+    # Its sigma points must still spread like it. A failing pivot adds 1e-12 of its variance; the rounding
     # beside it, 1e-14, is divided by the pivot's root, 1e-6.
     factor, _ = factored(matrix)
     np.testing.assert_allclose(factor @ factor.T, matrix, rtol=0, atol=1e-10 * matrix.diagonal().max())

@@ -55,8 +55,10 @@ def filter_step(rule, model, mean, cov, memory, u, y):
     mean, cov = predict(rule, model, mean, cov, u)
     variances, memory = attend(model, memory, u, y)
     mean, cov, nis, dof = correct(rule, model, mean, cov, u, y, variances)
+    reported = report(model, mean, u)
     output = np.empty(7)
-    output[:5] = report(model, mean, u)
+    for i in range(5):
+        output[i] = reported[i]
     output[5], output[6] = nis, dof
     return mean, cov, memory, output
 
@@ -75,7 +77,14 @@ def filter_update(constants, belief, u, y):
     a, b, c = n, n + n * n, n + n * n + model.memory.size
     out = np.empty(belief.size)
     mean, cov, memory, output = filter_step(rule, model, belief[:a], belief[a:b].reshape(n, n), belief[b:c], u, y)
-    out[:a], out[a:b], out[b:c], out[c:] = mean, cov.ravel(), memory, output
+    for i in range(n):  # loops: an assignment of slices costs 30 ns each
+        out[i] = mean[i]
+        for j in range(n):
+            out[a + i * n + j] = cov[i, j]
+    for i in range(memory.size):
+        out[b + i] = memory[i]
+    for i in range(output.size):
+        out[c + i] = output[i]
     return out
 
 

@@ -85,7 +85,7 @@ def joseph_scalar(mean, cov, h, innovation, variance, gain, scratch):
         projected = 0.0
         for k in range(n):
             projected += scratch[i, k] * h[k]
-        for j in range(n):
-            cov[i, j] = scratch[i, j] - projected * gain[j] + variance * gain[i] * gain[j]
-    symmetrise(cov)
+        for j in range(i + 1):
+            value = scratch[i, j] - projected * gain[j] + variance * gain[i] * gain[j]
+            cov[i, j] = cov[j, i] = value
     return spread
