@@ -145,6 +145,8 @@ class Commanded(NamedTuple):
     slope_rear: float  # [1/rad]
     peak_front: float  # lateral force that the friction ellipse leaves the axle [N]
     peak_rear: float  # [N]
+    per_mass: float  # 1/mass: a batch multiplies where it would divide [1/kg]
+    per_inertia: float  # 1/yaw inertia [1/(kg m2)]
 
 
 @compiled
@@ -185,6 +187,8 @@ def _commanded(model, u):
         model.stiffness_rear / limit_rear,
         limit_front * left_front,
         limit_rear * left_rear,
+        1 / model.mass,
+        1 / model.yaw_inertia,
     )
 
 
@@ -204,9 +208,9 @@ def _forces(model, c, vx, vy, yaw_rate):
     side_front = _lateral(c.slope_front * (speed * c.sin_steer - vy_front * c.cos_steer) / rolling, c.peak_front)
     side_rear = _lateral(c.slope_rear * (model.lr * yaw_rate - vy) / speed, c.peak_rear)
     across_front = side_front * c.cos_steer + c.front * c.sin_steer
-    ax = (c.front * c.cos_steer - side_front * c.sin_steer + c.rear) / model.mass
-    ay = (across_front + side_rear) / model.mass
-    return ax, ay, (model.lf * across_front - model.lr * side_rear + c.moment) / model.yaw_inertia
+    ax = (c.front * c.cos_steer - side_front * c.sin_steer + c.rear) * c.per_mass
+    ay = (across_front + side_rear) * c.per_mass
+    return ax, ay, (model.lf * across_front - model.lr * side_rear + c.moment) * c.per_inertia
 
 
 @advance.register(SingleTrack)

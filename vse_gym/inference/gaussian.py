@@ -122,9 +122,9 @@ def _jacobian(columns, values):
     n, m = columns.shape[0], values.shape[0]
     jacobian = np.empty((m, n))
     for j in range(n):
-        width = columns[j, 1 + j] - columns[j, 1 + n + j]
+        per_width = 1 / (columns[j, 1 + j] - columns[j, 1 + n + j])
         for i in range(m):
-            jacobian[i, j] = (values[i, 1 + j] - values[i, 1 + n + j]) / width
+            jacobian[i, j] = (values[i, 1 + j] - values[i, 1 + n + j]) * per_width
     return jacobian
 
 
