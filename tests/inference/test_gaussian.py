@@ -6,7 +6,7 @@ from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, Unscen
 
 from vse_gym.compiled import hold
 from vse_gym.inference.gaussian import Extended, Unscented, correct, filter_drive, filter_step, filter_update, predict
-from vse_gym.inference.model import advance, attend, observe
+from vse_gym.inference.model import advance, attend, observe, report
 from vse_gym.models import SingleTrackTuning
 from vse_gym.simulation import rollout, scenario
 
@@ -47,24 +47,24 @@ def test_a_silent_channel_is_a_channel_that_is_not_there(rule, linear, silent):
     heard = np.isfinite(y)
     fewer = linear._replace(H=linear.H[heard], R=linear.R[heard])
     start = linear.prior_mean, linear.prior_cov, NOTHING, np.array([0.3])
-    mean, cov, _, output = filter_step(rule, linear, *start, y)
-    expected_mean, expected_cov, _, expected_output = filter_step(rule, fewer, *start, y[heard])
+    mean, cov, _, nis, dof = filter_step(rule, linear, *start, y)
+    expected_mean, expected_cov, _, expected_nis, expected_dof = filter_step(rule, fewer, *start, y[heard])
     np.testing.assert_array_equal(mean, expected_mean)
     np.testing.assert_array_equal(cov, expected_cov)
-    np.testing.assert_array_equal(output, expected_output)
-    assert output[6] == heard.sum()
+    assert (nis, dof) == (expected_nis, expected_dof)
+    assert dof == heard.sum()
 
 
 @rules
 def test_with_all_channels_silent_the_prediction_remains(rule, linear):
     u = np.array([0.3])
-    mean, cov, _, output = filter_step(
+    mean, cov, _, nis, dof = filter_step(
         rule, linear, linear.prior_mean, linear.prior_cov, NOTHING, u, np.full(3, np.nan)
     )
     expected_mean, expected_cov = predict(rule, linear, linear.prior_mean, linear.prior_cov, u)
     np.testing.assert_array_equal(mean, expected_mean)
     np.testing.assert_array_equal(cov, expected_cov)
-    np.testing.assert_array_equal(output[5:], [0.0, 0.0])
+    assert (nis, dof) == (0.0, 0.0)
 
 
 @rules
@@ -72,7 +72,7 @@ def test_a_drive_in_one_call_is_the_same_as_its_steps(rule, linear, linear_drive
     belief = linear.prior_mean, linear.prior_cov, linear.memory
     means, covs = filter_drive(rule, linear, *belief, linear_drive.inputs, linear_drive.readings)
     for k, (u, y) in enumerate(zip(linear_drive.inputs, linear_drive.readings, strict=True)):
-        *belief, _ = filter_step(rule, linear, *belief, u, y)
+        *belief, _, _ = filter_step(rule, linear, *belief, u, y)
         np.testing.assert_array_equal(means[k], belief[0])
         np.testing.assert_array_equal(covs[k], belief[1])
 
@@ -84,7 +84,8 @@ def test_a_flat_belief_is_updated_like_its_parts(rule, linear, linear_drive):
     for u, y in zip(linear_drive.inputs, linear_drive.readings, strict=True):
         before = belief.copy()
         belief, old = filter_update(constants, belief, u, y), belief
-        *parts, output = filter_step(rule, linear, *parts, u, y)
+        *parts, nis, dof = filter_step(rule, linear, *parts, u, y)
+        output = [*report(linear, parts[0], u), nis, dof]
         np.testing.assert_array_equal(belief, np.concatenate([*map(np.ravel, parts), output]))
         np.testing.assert_array_equal(old, before)
 

@@ -50,17 +50,12 @@ def filter_step(rule, model, mean, cov, memory, u, y):
     """Predict, attend, correct.
 
     Returns:
-        mean (n,), cov (n, n), memory (k,), output (7,): vx, vy, yaw rate, ax, ay, NIS and its degrees of freedom.
+        mean (n,), cov (n, n), memory (k,), and the NIS with its degrees of freedom.
     """
     mean, cov = predict(rule, model, mean, cov, u)
     variances, memory = attend(model, memory, u, y)
     mean, cov, nis, dof = correct(rule, model, mean, cov, u, y, variances)
-    reported = report(model, mean, u)
-    output = np.empty(7)
-    for i in range(5):
-        output[i] = reported[i]
-    output[5], output[6] = nis, dof
-    return mean, cov, memory, output
+    return mean, cov, memory, nis, dof
 
 
 @compiled
@@ -69,22 +64,25 @@ def filter_update(constants, belief, u, y):
 
     Args:
         constants: ``hold((rule, model))``.
-        belief: mean, cov row by row, memory, output, one after the other.
+        belief: mean, cov row by row, memory; then what is reported: vx, vy, yaw rate, ax, ay, NIS, its degrees of
+            freedom. One after the other.
         u, y: Inputs and reading.
     """
     rule, model = constants.value
     n = model.prior_mean.size
     a, b, c = n, n + n * n, n + n * n + model.memory.size
     out = np.empty(belief.size)
-    mean, cov, memory, output = filter_step(rule, model, belief[:a], belief[a:b].reshape(n, n), belief[b:c], u, y)
+    parts = belief[:a], belief[a:b].reshape(n, n), belief[b:c]
+    mean, cov, memory, out[c + 5], out[c + 6] = filter_step(rule, model, *parts, u, y)
+    reported = report(model, mean, u)
     for i in range(n):  # loops: an assignment of slices costs 30 ns each
         out[i] = mean[i]
         for j in range(n):
             out[a + i * n + j] = cov[i, j]
     for i in range(memory.size):
         out[b + i] = memory[i]
-    for i in range(output.size):
-        out[c + i] = output[i]
+    for i in range(5):
+        out[c + i] = reported[i]
     return out
 
 
@@ -94,7 +92,7 @@ def filter_drive(rule, model, mean, cov, memory, inputs, readings):
     steps, n = readings.shape[0], mean.size
     means, covs = np.empty((steps, n)), np.empty((steps, n, n))
     for t in range(steps):
-        mean, cov, memory, _ = filter_step(rule, model, mean, cov, memory, inputs[t], readings[t])
+        mean, cov, memory, _, _ = filter_step(rule, model, mean, cov, memory, inputs[t], readings[t])
         means[t], covs[t] = mean, cov
     return means, covs
 
