@@ -25,13 +25,14 @@ from filterpy.monte_carlo import systematic_resample
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.gaussian import _jacobian, _stencil
-from vse_gym.inference.model import advance, attend, observe
+from vse_gym.inference.model import advance, attend, heed, observe
 from vse_gym.models import BRAKING, SLOWEST
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.physics.tyres import KNOT
 
 STEP = 6e-6  # of the central differences, as in vse_gym.inference.gaussian.Extended
 model, inputs, readings = pickle.loads(Path(sys.argv[1]).read_bytes())
+heeded = np.array([heed(model, u, y) for u, y in zip(inputs, readings, strict=True)])
 
 
 # -- filterpy's extended Kalman filter ------------------------------------------------------------------------------
@@ -68,7 +69,7 @@ def drive_extended():
     kalman = Extended(dim_x=3, dim_z=7)
     kalman.x, kalman.P, kalman.Q = model.prior_mean, model.prior_cov, model.process_cov
     memory, means, covs = model.memory, np.empty((len(readings), 3)), np.empty((len(readings), 3, 3))
-    for k, (u, y) in enumerate(zip(inputs, readings, strict=True)):
+    for k, (u, y) in enumerate(zip(heeded, readings, strict=True)):
         kalman.predict(u)
         z, expected, jacobian, noise, memory = observe_linearised(model, memory, kalman.x, u, y, STEP)
         kalman.update(z, lambda _, j=jacobian: j, lambda _, e=expected: e, noise)
@@ -106,7 +107,7 @@ def drive_unscented():
     kalman = Unscented(3, 7, model.dt, None, None, MerweScaledSigmaPoints(3, alpha=1.0, beta=2.0, kappa=0.0))
     kalman.x, kalman.P, kalman.Q = model.prior_mean, model.prior_cov, model.process_cov
     memory, means, covs = model.memory, np.empty((len(readings), 3)), np.empty((len(readings), 3, 3))
-    for k, (u, y) in enumerate(zip(inputs, readings, strict=True)):
+    for k, (u, y) in enumerate(zip(heeded, readings, strict=True)):
         kalman.predict(u=u)
         z, rows, noise, memory = observe_rows(model, memory, kalman.sigmas_f, u, y)
         expected = iter(rows)  # update() asks for the points' readings one by one, in their order
@@ -181,17 +182,22 @@ def observe_numpy(states, given):
 def attend_python(memory, u, y):
     """As in vse_gym.models, on lists: for seven numbers that is faster than NumPy."""
     speeds, brake = y[3:].tolist(), u[1:5].tolist()
-    memory = [0.0 if b > BRAKING else m + model.dt for b, m in zip(brake, memory, strict=True)]
+    memory, reference = [0.0 if b > BRAKING else m + model.dt for b, m in zip(brake, memory, strict=False)], memory[4]
     variances = np.where(np.isnan(y), np.nan, model.variances)
     heard = [i for i in range(4) if speeds[i] == speeds[i]]
     rolling = [i for i in heard if memory[i] >= model.brake_hold]
     for i in heard:
         rolls = memory[i] >= model.brake_hold
         variances[3 + i] = model.variances[3 + i] + (model.slip * speeds[i]) ** 2 if rolls else np.nan
-    if heard and not rolling:
-        i = max(heard, key=speeds.__getitem__)
+    if rolling:
+        return variances, [*memory, model.wheel_radius * sum(speeds[i] for i in rolling) / len(rolling)]
+    felt = min(0.0, float(y[0])) if y[0] == y[0] else -model.friction * GRAVITY
+    reference += model.dt * (felt - model.brake_margin)
+    i = max(heard, key=speeds.__getitem__, default=None)
+    if i is not None and model.wheel_radius * speeds[i] >= reference:
+        reference = model.wheel_radius * speeds[i]
         variances[3 + i] = model.variances[3 + i] + (model.brake_slip * speeds[i]) ** 2
-    return variances, memory
+    return variances, [*memory, reference]
 
 
 def drive_particles(size):
@@ -201,7 +207,7 @@ def drive_particles(size):
     states = model.prior_mean[:, None] + np.linalg.cholesky(model.prior_cov) @ rng.standard_normal((3, size))
     weights, memory = np.full(size, 1 / size), model.memory.tolist()
     means, covs = np.empty((len(readings), 3)), np.empty((len(readings), 3, 3))
-    for k, (u, y) in enumerate(zip(inputs, readings, strict=True)):
+    for k, (u, y) in enumerate(zip(heeded, readings, strict=True)):
         given = held(u)
         states = advance_numpy(states, given) + spread @ rng.standard_normal((3, size))
         variances, memory = attend_python(memory, u, y)
@@ -223,7 +229,7 @@ def particle_model_error():
     """Largest difference between the model in NumPy and the compiled one, over the drive [SI]."""
     states = drive_extended()[0].T + np.random.default_rng(0).standard_normal((3, len(readings)))
     worst, memory, listed = 0.0, model.memory, model.memory.tolist()
-    for u, y in zip(inputs, readings, strict=True):
+    for u, y in zip(heeded, readings, strict=True):
         given = held(u)
         variances, memory = attend(model, memory, u, y)
         mine, listed = attend_python(listed, u, y)

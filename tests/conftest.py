@@ -7,7 +7,7 @@ import pytest
 from hypothesis import settings
 
 from vse_gym.compiled import compiled
-from vse_gym.inference.model import advance, attend, observe, report
+from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.testing import example_drive
 from vse_gym.types import Array
 
@@ -73,6 +73,12 @@ def _(model, states, u):
 @compiled
 def _(model, states, u):
     return product(model.H, states)
+
+
+@heed.register(Linear)
+@compiled
+def _(model, u, y):
+    return u
 
 
 @attend.register(Linear)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vse_gym.compiled import compiled
-from vse_gym.inference.model import advance, attend, observe, report
+from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.physics.parameters import GRAVITY, Vehicle, check_vehicle
 from vse_gym.physics.tyres import KNOT
 from vse_gym.types import U_BRAKE, U_DRIVE, U_STEER, Y_AX, Y_AY, Y_WHEEL, Y_YAW_RATE, Array
@@ -66,12 +66,13 @@ class SingleTrack(NamedTuple):
     slip: float  # standard deviation of the slip of a rolling wheel, relative [-]
     brake_slip: float  # the same of the fastest wheel while all four brake [-]
     brake_hold: float  # a wheel is not believed for this long after it braked [s]
+    brake_margin: float  # by so much may the accelerometer miss what brake torques promise [m/s2]
     dt: float  # [s]
     prior_mean: Array  # (3,)
     prior_cov: Array  # (3, 3)
     process_cov: Array  # (3, 3), of one step
     variances: Array  # of the seven channels, without wheel slip, (7,)
-    memory: Array  # time since each wheel braked, at the start (4,) [s]
+    memory: Array  # at the start: time since each wheel braked, (4) [s], and the reference speed [m/s]; (5,)
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,7 @@ class SingleTrackTuning:
     slip: float = 0.005  # slip of a rolling wheel [-]
     brake_slip: float = 0.05  # slip of the fastest wheel while all brake [-]
     brake_hold: float = 0.1  # time for which a wheel is not believed after it braked [s]
+    brake_margin: float = 0.3  # by so much may the accelerometer miss what brake torques promise [m/s2]
     vx_prior: float = 1.0  # standard deviation at the start [m/s]
     vy_prior: float = 0.2  # [m/s]
     yaw_prior: float = 0.02  # [rad/s]
@@ -120,12 +122,13 @@ class SingleTrackTuning:
             slip=float(self.slip),
             brake_slip=float(self.brake_slip),
             brake_hold=float(self.brake_hold),
+            brake_margin=float(self.brake_margin),
             dt=float(nominal.dt),
             prior_mean=np.array([nominal.speed, 0.0, 0.0]),
             prior_cov=np.diag([self.vx_prior**2, self.vy_prior**2, self.yaw_prior**2]),
             process_cov=np.diag([(s * step) ** 2 for s in (self.vx_noise, self.vy_noise, self.yaw_noise)]),
             variances=channels,
-            memory=np.full(4, 10 * float(self.brake_hold)),
+            memory=np.array(4 * [10 * float(self.brake_hold)] + [float(nominal.speed)]),
         )
 
 
@@ -251,15 +254,34 @@ def _(model, states, u):
     return out
 
 
+@heed.register(SingleTrack)
+@compiled
+def _(model, u, y):
+    # A torque says how hard a wheel is braked, not how hard the road lets it: where the wheels are near locking, force
+    # from torque is wrong by several times, and the speed with it. What the accelerometer misses is taken off.
+    total, braking = 0.0, 0.0
+    for i in range(4):
+        total += (u[U_DRIVE + i] - u[U_BRAKE + i]) / model.wheel_radius
+        braking = max(braking, u[U_BRAKE + i])
+    felt = model.mass * (y[Y_AX] - model.brake_margin)
+    if braking <= BRAKING or total >= 0.0 or not felt > total:
+        return u
+    out = u.copy()
+    for i in range(4):
+        out[U_BRAKE + i] *= max(0.0, felt / total)
+    return out
+
+
 @attend.register(SingleTrack)
 @compiled
 def _(model, memory, u, y):
-    # A braking wheel slips, and is slow to spin up again. If all brake, speed would hang on integrated ax alone and
-    # run away, so that the fastest wheel stays, with a standard deviation of a few percent of slip.
-    variances, after = np.empty(7), np.empty(4)
+    # A braking wheel slips, and is slow to spin up again. While all brake, the fastest stays, with a standard
+    # deviation of some slip, but only if it keeps up with a reference speed that falls no faster than the
+    # accelerometer says: else it is locking, and would draw the estimate, and the slip limiter, down with it.
+    variances, after = np.empty(7), np.empty(5)
     for i in range(7):
         variances[i] = np.nan if math.isnan(y[i]) else model.variances[i]
-    fastest, rolling = -1, False
+    fastest, rolling, total = -1, 0, 0.0
     for i in range(4):
         after[i] = 0.0 if u[U_BRAKE + i] > BRAKING else memory[i] + model.dt
         speed = y[Y_WHEEL + i]
@@ -270,10 +292,17 @@ def _(model, memory, u, y):
         if after[i] < model.brake_hold:
             variances[Y_WHEEL + i] = np.nan
         else:
-            rolling = True
+            rolling += 1
+            total += speed
             variances[Y_WHEEL + i] += (model.slip * speed) ** 2
-    if fastest >= 0 and not rolling:
+    if rolling > 0:
+        after[4] = model.wheel_radius * total / rolling
+        return variances, after
+    felt = -model.friction * GRAVITY if math.isnan(y[Y_AX]) else min(0.0, y[Y_AX])
+    after[4] = memory[4] + model.dt * (felt - model.brake_margin)
+    if fastest >= 0 and model.wheel_radius * y[Y_WHEEL + fastest] >= after[4]:
         k = Y_WHEEL + fastest
+        after[4] = model.wheel_radius * y[k]
         variances[k] = model.variances[k] + (model.brake_slip * y[k]) ** 2
     return variances, after
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from vse_gym.estimators.base import Estimator
 from vse_gym.models import Nominal
+from vse_gym.physics.parameters import GRAVITY
 from vse_gym.types import Estimate, Reading
 
 MOTION = ("vx", "vy", "yaw_rate", "ax", "ay")
@@ -80,11 +81,12 @@ class RollingWheels(NamedTuple):
 class ZeroSideslip(Estimator):
     """No sideslip, speed from the freely rolling wheels, yaw rate and accelerations from the sensors: the lower end.
 
-    While all wheels brake, the fastest counts.
+    While all wheels brake, the fastest counts, but speed falls no faster than the accelerometer says.
     """
 
     brake_hold: float = 0.1  # a wheel is not believed for this long after it braked [s]
     braking: float = 20.0  # a wheel with more brake torque than this is braking [N m]
+    margin: float = 0.3  # of the accelerometer [m/s2]
 
     def init(self, nominal: Nominal, rng: np.random.Generator) -> RollingWheels:
         return RollingWheels(nominal.vehicle.wheel_radius, nominal.dt, (self.brake_hold,) * 4, nominal.speed)
@@ -99,7 +101,10 @@ class ZeroSideslip(Estimator):
         if free:
             vx = state.radius * sum(free) / len(free)
         elif heard:
-            vx = state.radius * max(w for w, _ in heard)
+            slowest = state.vx + state.dt * (
+                min(0.0, reading.ax) - self.margin if reading.ax == reading.ax else -GRAVITY
+            )
+            vx = max(slowest, state.radius * max(w for w, _ in heard))  # a locking wheel is no speed
         else:
             vx = state.vx
         return RollingWheels(state.radius, state.dt, since, vx)

@@ -11,7 +11,7 @@ import numpy as np
 
 from vse_gym.compiled import compiled, generic
 from vse_gym.inference.linalg import cholesky, forward_solve, joseph_scalar, symmetrise
-from vse_gym.inference.model import advance, attend, observe, report
+from vse_gym.inference.model import advance, attend, heed, observe, report
 
 
 class Extended(NamedTuple):
@@ -47,7 +47,7 @@ def correct(rule, model, mean, cov, u, y, variances):
 
 @compiled
 def filter_step(rule, model, mean, cov, memory, u, y):
-    """Predict, attend, correct.
+    """Predict, attend, correct; u as :func:`heed` gives it.
 
     Returns:
         mean (n,), cov (n, n), memory (k,), and the NIS with its degrees of freedom.
@@ -73,6 +73,7 @@ def filter_update(constants, belief, u, y):
     a, b, c = n, n + n * n, n + n * n + model.memory.size
     out = np.empty(belief.size)
     parts = belief[:a], belief[a:b].reshape(n, n), belief[b:c]
+    u = heed(model, u, y)
     mean, cov, memory, out[c + 5], out[c + 6] = filter_step(rule, model, *parts, u, y)
     reported = report(model, mean, u)
     for i in range(n):  # loops: an assignment of slices costs 30 ns each
@@ -92,7 +93,8 @@ def filter_drive(rule, model, mean, cov, memory, inputs, readings):
     steps, n = readings.shape[0], mean.size
     means, covs = np.empty((steps, n)), np.empty((steps, n, n))
     for t in range(steps):
-        mean, cov, memory, _, _ = filter_step(rule, model, mean, cov, memory, inputs[t], readings[t])
+        u = heed(model, inputs[t], readings[t])
+        mean, cov, memory, _, _ = filter_step(rule, model, mean, cov, memory, u, readings[t])
         means[t], covs[t] = mean, cov
     return means, covs
 

@@ -35,6 +35,11 @@ def observe(model, states, u):
 
 
 @generic
+def heed(model, u, y):
+    """The held inputs (k,) as the model is to take them, given what was read at the end of their time."""
+
+
+@generic
 def attend(model, memory, u, y):
     """Which channels to believe, and how far: noise variances (m,), NaN where a channel is not to be used, and the
     memory one step on. A channel whose reading is NaN must come back as NaN.

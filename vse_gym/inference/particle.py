@@ -10,7 +10,7 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.linalg import cholesky
-from vse_gym.inference.model import advance, attend, observe, report
+from vse_gym.inference.model import advance, attend, heed, observe, report
 
 
 @compiled
@@ -99,6 +99,7 @@ def bootstrap_step(model, states, weights, memory, u, y, share, resample_below, 
         output (6,): vx, vy, yaw rate, ax, ay and the effective sample size.
     """
     n, size = states.shape
+    u = heed(model, u, y)
     states = advance(model, states, u)
     diffuse(states, model.process_cov, rng)
     variances, memory = attend(model, memory, u, y)
