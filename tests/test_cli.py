@@ -60,6 +60,7 @@ WRONG = [
     (["run", "straight_driving", "--plot", "no/such/folder/a.png"], "no/such/folder"),
     (["run", "straight_driving", "--plot", "a.jpgg"], "jpgg"),
     (["bench", "headlin"], "known: demo"),
+    (["run", "straight_driving", "--vehicle", "[bold]x"], "'[bold]x'"),
     (["bench", "demo", "--estimators", "ekf,ukff"], "no estimator named 'ukff'"),
 ]
 

@@ -4,6 +4,7 @@ import copy
 import pickle
 import subprocess
 import sys
+from dataclasses import dataclass
 
 import gymnasium
 import numpy as np
@@ -14,7 +15,9 @@ import vse_gym
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS
 from vse_gym.controllers.observation import LAYOUTS
 from vse_gym.env import ACTIONS, IDS
+from vse_gym.estimators.base import Estimator
 from vse_gym.physics import parameters as p
+from vse_gym.types import Estimate
 
 SWD = "vse_gym/SineWithDwell-v0"
 
@@ -184,6 +187,45 @@ def test_the_truth_is_seen_only_where_it_is_asked_for():
     assert seeing_step[0][1] == np.float32(seeing_step[4]["truth"]["vy"])
 
 
+@dataclass(frozen=True)
+class Says(Estimator):
+    """Believes in one speed."""
+
+    vx: float
+
+    def init(self, nominal, rng):
+        return None
+
+    def update(self, state, reading, rng):
+        return None
+
+    def estimate(self, state):
+        return Estimate(self.vx)
+
+
+@pytest.mark.parametrize("vx", [np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("observation", LAYOUTS)
+def test_an_observation_is_finite_whatever_an_estimator_says(observation, vx):
+    env = vse_gym.StabilityControlEnv("sine_with_dwell", Says(vx), observation=observation)
+    seen, _ = env.reset(seed=0)
+    assert env.observation_space.contains(seen)
+
+
+def test_readings_as_observation_do_not_depend_on_the_estimator():
+    actions = np.zeros((150, 4), np.float32)
+    kinds = [gymnasium.make(SWD, estimator=e, observation="reading", sensors="loud") for e in ("truth", "zero")]
+    one, other = ([step[0] for step in drive(env, 0, actions)] for env in kinds)
+    np.testing.assert_array_equal(one, other)
+
+
+def test_an_agent_that_brakes_to_a_standstill_has_no_sideslip_there():
+    env = gymnasium.make("vse_gym/StraightDriving-v0", estimator="truth", sensors="clean", duration=8.0)
+    steps = drive(env, 0, np.ones((800, 4), np.float32))
+    assert steps[-1][4]["truth"]["vx"] < 0.1
+    assert steps[-1][4]["metrics"]["peak_sideslip"] < 0.01
+    assert steps[-1][4]["metrics"]["sideslip_rmse"] < 0.01
+
+
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_rewards_stay_within_their_bounds(controller):
     env = gymnasium.make(SWD, estimator="truth", controller=controller)
@@ -205,6 +247,12 @@ WRONG = [
     ({"amplitud": 1.0}, "amplitud"),
     ({"render_mode": "human"}, "plot"),
     ({"speed": -1.0}, "speed"),
+    ({"estimator": 42}, "neither a name"),
+    ({"controller": 3}, "neither a name"),
+    ({"frequency": 0.0}, "frequency"),
+    ({"amplitude": float("nan")}, "amplitude"),
+    ({"dwell": -1.0}, "dwell"),
+    ({"duration": 0.001}, "shorter than one step"),
 ]
 
 

@@ -7,16 +7,19 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vse_gym.controllers.base import Controller
+from vse_gym.env import StabilityControlEnv
 from vse_gym.estimators.anchors import ZeroSideslip
 from vse_gym.estimators.base import Estimator
 from vse_gym.estimators.gaussian import ExtendedKalmanFilter
 from vse_gym.evaluation import Cell, Randomise, Study, evaluate, run_cell, study_names
+from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
-from vse_gym.report import by_cell, cells_of, markdown, summary, write
+from vse_gym.report import by_cell, cells_of, markdown, reasons, summary, write
 from vse_gym.simulation import rollout, scenario
-from vse_gym.types import Estimate
+from vse_gym.types import BrakeDemand, Estimate
 
-TIMES = ["shadow_update_us"]
+TIMES = ["shadow_update_us", "loop_update_us"]
 RANDOM = Randomise(speed=1.0, steer=0.1, friction=0.03, mass=(1.0, 1.25), stiffness=(0.75, 1.0))
 
 
@@ -167,6 +170,58 @@ def test_a_study_that_cannot_be_is_refused_with_a_sentence(tmp_path, text, sente
 def test_an_unknown_study_is_told_the_known():
     with pytest.raises(KeyError, match="known: demo"):
         Study.load("headlin")
+
+
+def test_the_name_of_the_uncontrolled_car_is_taken():
+    with pytest.raises(ValueError, match="without stability control"):
+        evaluate(short(), {"none": "ekf"})
+
+
+@pytest.mark.parametrize("seeds", [0, -1])
+def test_a_study_needs_seeds(seeds):
+    with pytest.raises(ValueError, match="at least 1"):
+        evaluate(short(), ["truth"], seeds=seeds)
+
+
+def test_a_failing_estimator_is_not_flattered_by_what_it_survived():
+    broken = evaluate(short(), {"broken": Breaks()}).filter(pl.col("estimator") == "broken")
+    assert broken["shadow_sideslip_rmse_deg"].null_count() == len(broken)
+    assert broken["shadow_diverged"].all()
+    assert [line.split(":")[0] for line in reasons(evaluate(short(), {"broken": Breaks()}))] == ["broken"]
+
+
+@dataclass(frozen=True)
+class Demands(Controller):
+    """Asks for the same at every step."""
+
+    added: object
+    release: object = (0.0, 0.0, 0.0, 0.0)
+
+    def init(self, nominal):
+        return None
+
+    def act(self, state, estimate, reading):
+        return BrakeDemand(self.added, self.release), None
+
+
+@pytest.mark.parametrize("added", [[100, 0, 0, 0], (100.0, 0.0, 0.0, 0.0), np.array([100, 0, 0, 0])])
+def test_a_controller_may_ask_in_lists_and_whole_numbers_and_both_faces_do_the_same(added):
+    log = rollout(scenario("straight_driving", duration=0.5), "truth", Demands(added), 0)
+    env = StabilityControlEnv("straight_driving", "truth", controller=Demands(added), duration=0.5)
+    env.reset(seed=0)
+    for _ in range(50):
+        *_, info = env.step(np.zeros(4, np.float32))
+    assert info["truth"]["vx"] == log.truth[-1, p.VX] < log.truth[0, p.VX]
+
+
+@pytest.mark.parametrize("added", [[np.nan, 0, 0, 0], [1.0, 2.0, 3.0]])
+def test_a_controller_s_fault_is_its_own_and_not_a_row_of_the_estimator(added):
+    with pytest.raises(ValueError, match=r"four|inhomogeneous"):
+        rollout(scenario("straight_driving"), "truth", Demands(added), 0)
+    env = StabilityControlEnv("straight_driving", "truth", controller=Demands(added))
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"four|inhomogeneous"):
+        env.step(np.zeros(4, np.float32))
 
 
 def test_two_estimators_of_one_name_are_refused():

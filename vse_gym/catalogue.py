@@ -17,6 +17,7 @@ ESTIMATORS: Registry[Any] = Registry(
         "pf": "vse_gym.estimators.particle:BootstrapParticleFilter",
         "pf_cauchy_gaussian": "vse_gym.estimators.particle:CauchyGaussianParticleFilter",
     },
+    base="vse_gym.estimators.base:Estimator",
 )
 
 CONTROLLERS: Registry[Any] = Registry(
@@ -26,6 +27,7 @@ CONTROLLERS: Registry[Any] = Registry(
         "esc": "vse_gym.controllers.esc:StabilityControl",
         "sideslip_esc": "vse_gym.controllers.esc:SideslipStabilityControl",
     },
+    base="vse_gym.controllers.base:Controller",
 )
 
 MANOEUVRES: Registry[Any] = Registry(
@@ -36,4 +38,5 @@ MANOEUVRES: Registry[Any] = Registry(
         "straight_driving": "vse_gym.manoeuvres.straight_driving:StraightDriving",
         "held_steer": "vse_gym.manoeuvres.held_steer:HeldSteer",
     },
+    base="vse_gym.manoeuvres.base:Manoeuvre",
 )

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
@@ -24,7 +25,7 @@ screen = Console()
 
 def _refuse(error: Exception) -> typer.Exit:
     """A mistake of the user is a sentence, not a traceback."""
-    Console(stderr=True).print(f"[red]error:[/red] {error}", highlight=False)
+    Console(stderr=True).print(f"[red]error:[/red] {escape(str(error))}", highlight=False)
     return typer.Exit(2)
 
 
@@ -80,11 +81,11 @@ def run(
         raise _refuse(RuntimeError(f"the drive never began: {log.ended}"))
     verdict = drive.manoeuvre.judge(log, drive.nominal)
     title = f"{manoeuvre}, {vehicle}, {controller} with {estimator}, {sensors} sensors, seed {seed}"
-    table = Table("", "figure", "limit", title=title, title_justify="left")
+    table = Table("", "figure", "limit", title=escape(title), title_justify="left")
     for c in verdict.criteria:
         mark = ("[green]ok[/green]" if c.passed else "[red]fails[/red]") if c.judged else "for information"
         sign = ">=" if c.at_least else "<="
-        table.add_row(c.name, f"{c.figure:.2f} {c.unit}", f"{sign} {c.limit:g} {c.unit}: {mark}")
+        table.add_row(escape(c.name), f"{c.figure:.2f} {c.unit}", f"{sign} {c.limit:g} {c.unit}: {mark}")
     table.add_section()
     for name, metric in metrics.METRICS.items():
         table.add_row(name, f"{metric(log):.2f}", "")
@@ -99,7 +100,7 @@ def run(
             raise _refuse(ModuleNotFoundError("drawing needs matplotlib: pip install 'vse-gym[report]'")) from None
         except (ValueError, OSError) as error:
             raise _refuse(error) from None
-        screen.print(f"drawn: {plot}")
+        screen.print(f"drawn: {escape(str(plot))}")
 
 
 @app.command()
@@ -143,14 +144,16 @@ def bench(
         raise _refuse(RuntimeError("stopped before the first cell was finished"))
     runs = table(rows)
     title = f"{plan.name}, version {plan.version}"
-    screen.print(report.on_screen(*report.cells_of(report.summary(runs), narrow=True), title=title, whole=3))
+    screen.print(report.on_screen(*report.cells_of(report.summary(runs), narrow=True), title=escape(title), whole=3))
     screen.print(report.LEGEND, style="dim", highlight=False)
     screen.print(report.on_screen(*report.by_cell(runs), title="regret by cell"))
+    for line in report.reasons(runs):
+        screen.print(escape(line), style="red", highlight=False)
     note = ", [red]stopped early[/red]" if stopped else ""
     screen.print(f"{len(rows)} runs in {time.perf_counter() - begin:.1f} s{note}")
     if out is not None:
         report.write(runs, out, " ".join(["vse-gym", *sys.argv[1:]]))
-        screen.print(f"written: {out}")
+        screen.print(f"written: {escape(str(out))}")
     if stopped:
         raise typer.Exit(130)
 

@@ -10,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from vse_gym.catalogue import CONTROLLERS
-from vse_gym.controllers.allocation import agent_demand
+from vse_gym.controllers.allocation import agent_demand, as_torques
 from vse_gym.controllers.base import Controller, NoControl
 from vse_gym.controllers.esc import StabilityControl, follow_reference
 from vse_gym.controllers.observation import Encoder
@@ -21,7 +21,7 @@ from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.sensors import Sensors
 from vse_gym.simulation import Frame, Simulation, scenario
-from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Estimate
+from vse_gym.types import NO_BRAKE, SLOW, Y_AY, Y_WHEEL, Array, BrakeDemand, Estimate
 
 ACTIONS = {"brakes": 4, "yaw_moment": 1}
 # The reward's weights, and the size of each error at which its term is full
@@ -33,12 +33,14 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
     """A car in a standard manoeuvre; the agent brakes single wheels and sees what an estimator lets it see.
 
     Action, in [-1, 1]:
-        ``brakes``, (4,): per wheel, a > 0 adds a times the wheel's cap, a < 0 releases |a| of the driver's torque.
+        ``brakes``, (4,): per wheel, a > 0 adds a times the wheel's cap, a < 0 releases |a| of the driver's torque
+        (in the manoeuvres of this version the driver does not brake, so that a < 0 has no effect yet).
         ``yaw_moment``, (1,): times the largest moment of one side's brakes, through the allocator; positive left.
         With a ``controller`` other than "none" the action is added to what the controller asks for.
 
     Observation: float32 vector, see :mod:`vse_gym.controllers.observation`: the estimate with its standard
-        deviations, the road-wheel angle and the reference yaw rate; or the truth, or the readings, in their place.
+        deviations, the road-wheel angle and the reference yaw rate that follows from them; or the truth, or the
+        readings, in their place. ``info`` always holds the truth too: an agent must not be given it.
 
     Reward of a step, from true states, in [-1, 1]: 1 - 2 (
         0.3 min(1, |sideslip|/10 deg)           the car points where it goes
@@ -146,18 +148,20 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         estimate, reading, base = frame.estimate, frame.reading, NO_BRAKE
         if not self._alone:
             base, self._law_state = self.controller.act(self._law_state, estimate, reading)
+            base = BrakeDemand(*as_torques(base.added, base.release))
         by_moment = self.action_kind == "yaw_moment"
         seen = (estimate.vx, estimate.yaw_rate, reading.steer)
         return BrakeDemand(*agent_demand(self._geometry, base.added, base.release, action, by_moment, *seen))
 
     def _observe(self, frame: Frame) -> NDArray[np.float32]:
-        seen = frame.estimate
+        seen, steer, heard = _finite(frame.estimate), frame.reading.steer, self.simulation.heard
         if self.encoder.layout == "truth":
             _, _, _, vx, vy, yaw_rate, *_, ax, ay = frame.truth.state.tolist()
-            seen = Estimate(vx, vy, yaw_rate, ax, ay, KNOWN_COV)
-        steer = frame.reading.steer
+            seen, steer = _finite(Estimate(vx, vy, yaw_rate, ax, ay, KNOWN_COV)), self.simulation.steer
+        elif self.encoder.layout == "reading":  # the reference too must come from readings alone
+            seen = Estimate(self._geometry.wheel_radius * float(heard[Y_WHEEL:].mean()), ay=float(heard[Y_AY]))
         self._seen_reference = follow_reference(self._reference, *self._seen_reference, seen.vx, seen.ay, steer)
-        return self.encoder.encode(_finite(seen), frame.reading, self.simulation.heard, self._seen_reference[0])
+        return self.encoder.encode(seen, steer, frame.reading, heard, self._seen_reference[0])
 
     def _reward(self, frame: Frame, demand: BrakeDemand) -> float:
         _, _, _, vx, vy, yaw_rate, *_, ay = frame.truth.state.tolist()
@@ -207,7 +211,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
                 "vx": estimate.vx - vx,
                 "vy": estimate.vy - vy,
                 "yaw_rate": estimate.yaw_rate - yaw_rate,
-                "sideslip": guess - sideslip,
+                "sideslip": math.remainder(guess - sideslip, 2 * math.pi) if math.isfinite(guess) else math.nan,
             },
             "metrics": self._metrics.now(frame),
             "ended": self.simulation.ended,
@@ -230,11 +234,12 @@ class _Metrics:
         self.peak = self.squares = self.intervention = 0.0
 
     def add(self, frame: Frame, demand: BrakeDemand) -> None:
-        sideslip = frame.truth.sideslip
-        self.steps += 1
-        self.peak = max(self.peak, abs(sideslip))
-        self.squares += (frame.estimate.sideslip - sideslip) ** 2
-        if demand.added is not NO_TORQUE and demand.added.any():
+        car = frame.truth
+        if math.hypot(car.vx, car.vy) > SLOW:
+            self.steps += 1
+            self.peak = max(self.peak, abs(car.sideslip))
+            self.squares += math.remainder(frame.estimate.sideslip - car.sideslip, 2 * math.pi) ** 2
+        if demand.added.any() or demand.release.any():
             self.intervention += self.dt
 
     def now(self, frame: Frame) -> dict[str, float]:

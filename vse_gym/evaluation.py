@@ -47,7 +47,7 @@ class Randomise:
 
 @dataclass(frozen=True)
 class Cell:
-    """One drive of a study, as it is written down.
+    """One drive of a study, as it is written down: by names, so that a row says what was driven.
 
     Raises:
         UnknownNameError, TypeError, ValueError: If a name or a setting cannot be; the message says what can.
@@ -74,14 +74,21 @@ class Cell:
         speed, steer, friction = (draw.uniform(-r, r) for r in ranges)
         mass, stiffness = draw.uniform(*randomise.mass), draw.uniform(*randomise.stiffness)
         side = draw.choice([-1.0, 1.0]) if randomise.steer else 1.0
-        changes: dict[str, Any] = {"speed": written.speed + speed, "friction": written.friction + friction}
+        changes: dict[str, Any] = {"speed": written.speed + speed, "friction": _icy(written.friction + friction)}
         known = {f.name for f in fields(written)}
         if "amplitude" in known:
             changes["amplitude"] = written.amplitude * side * (1 + steer)
         if "friction_after" in known and written.friction_after is not None:
-            changes["friction_after"] = written.friction_after + friction
+            changes["friction_after"] = _icy(written.friction_after + friction)
+        if "jump" in known:  # where it lies does not depend on the speed that was drawn
+            changes["jump"] = written.jump * written.speed / changes["speed"]
         told = Nominal(car, noise.sheet, written.speed)
         return Scenario(replace(written, **changes), _changed(car, mass, stiffness), noise, told)
+
+
+def _icy(friction: float) -> float:
+    """No road is smoother than wet ice, whatever was drawn."""
+    return max(0.05, friction)
 
 
 def _changed(car: Vehicle, mass: float, stiffness: float) -> Vehicle:
@@ -94,7 +101,11 @@ def _changed(car: Vehicle, mass: float, stiffness: float) -> Vehicle:
 
 @dataclass(frozen=True)
 class Study:
-    """Cells, how they are drawn, and who is judged."""
+    """Cells, how they are drawn, and who is judged.
+
+    Raises:
+        ValueError: If there are no seeds.
+    """
 
     name: str
     version: int
@@ -103,6 +114,10 @@ class Study:
     first_seed: int = 0  # tuning and reporting never share seeds
     estimators: tuple[str, ...] = ()  # empty: all there are
     randomise: Randomise = field(default_factory=Randomise)
+
+    def __post_init__(self) -> None:
+        if not self.seeds >= 1:
+            raise ValueError(f"study {self.name!r}: seeds must be at least 1, not {self.seeds}")
 
     @classmethod
     def load(cls, name: str | Path) -> "Study":
@@ -150,16 +165,19 @@ def judged(estimators: Judged) -> dict[str, Estimator]:
 
     Raises:
         UnknownNameError: If a name is not known.
-        ValueError: If two rows would have the same name.
+        ValueError: If two rows would have the same name, or one that of the car without control.
     """
     if isinstance(estimators, Mapping):
-        return {name: ESTIMATORS.make(e) for name, e in estimators.items()}
-    rows: dict[str, Estimator] = {}
-    for e in estimators:
-        name = e if isinstance(e, str) else type(e).__name__
-        if name in rows:
-            raise ValueError(f"two estimators named {name!r}: hand in a mapping from names to estimators")
-        rows[name] = ESTIMATORS.make(e)
+        rows = {name: ESTIMATORS.make(e) for name, e in estimators.items()}
+    else:
+        rows = {}
+        for e in estimators:
+            name = e if isinstance(e, str) else type(e).__name__
+            if name in rows:
+                raise ValueError(f"two estimators named {name!r}: hand in a mapping from names to estimators")
+            rows[name] = ESTIMATORS.make(e)
+    if POTENTIAL in rows:
+        raise ValueError(f"{POTENTIAL!r} is the row of the car without stability control: name the estimator otherwise")
     return rows
 
 
@@ -167,6 +185,8 @@ def run_study(
     study: Study, estimators: Judged | None = None, seeds: int | None = None, jobs: int = 1
 ) -> Iterator[list[dict[str, Any]]]:
     """Rows as they come, all those of one cell and seed together; every (cell, seed) once, in no order."""
+    if seeds is not None and seeds < 1:
+        raise ValueError(f"seeds must be at least 1, not {seeds}")
     rows = judged(estimators if estimators is not None else study.estimators or tuple(ESTIMATORS))
     numbers = range(study.first_seed, study.first_seed + (seeds or study.seeds))
     tasks = [(cell, seed) for seed in numbers for cell in study.cells]
@@ -225,6 +245,8 @@ def run_cell(study: Study, cell: Cell, seed: int, estimators: Mapping[str, Estim
         heard = shadow(truth, estimator, scenario.nominal, used)
         e = metrics.errors(truth.truth, heard.estimate, heard.cov, heard.nis, heard.effective_size)
         direct: dict[str, Any] = {f"shadow_{k}": v for k, v in metrics.direct(e).items()}
+        if heard.ended:  # errors of the part that it survived would flatter it
+            direct = {k: None if isinstance(v, float) else True for k, v in direct.items()}
         direct |= {"shadow_update_us": 1e6 * heard.seconds, "shadow_ended": heard.ended}
         log = rollout(scenario, estimator, cell.controller, used)
         rows.append(head | {"estimator": name} | _loop(scenario, cell, log, truth) | direct)
@@ -245,8 +267,9 @@ def _loop(scenario: Scenario, cell: Cell, log: Log, truth: Log) -> dict[str, Any
     out |= {"loop_heading_diff_deg": heading, "loop_heading_absdiff_deg": abs(heading)}
     out |= {"loop_path_deviation_m": metrics.path_deviation_m(log, truth)}
     unknown = np.full(len(log.time), math.nan)
-    e = metrics.errors(log.truth, log.estimate, log.cov, unknown, unknown)
-    own = {k: v for k, v in metrics.direct(e).items() if k not in ("nis", "effective_size")}
+    e = metrics.errors(log.truth, log.estimate, log.cov, log.nis, unknown)
+    own: dict[str, Any] = {k: v for k, v in metrics.direct(e).items() if k != "effective_size"}
+    own["update_us"] = 1e6 * float(np.median(log.seconds))
     return out | {f"loop_{k}": v for k, v in own.items()} | _regret(metrics.regret(log, truth, cell.benign))
 
 

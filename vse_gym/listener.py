@@ -1,6 +1,7 @@
 """An estimator at work: hears readings, completes its estimates, and is the one door through which truth may come."""
 
 from collections import deque
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,21 @@ KNOWN_COV.flags.writeable = False
 WHERE = {"vx": p.VX, "vy": p.VY, "yaw_rate": p.YAW_RATE, "ax": p.AX, "ay": p.AY}
 
 
+class EstimatorError(Exception):
+    """An estimator raised, or gave something that is no estimate; what it raised is the cause."""
+
+
 class Listener:
     """One estimator with its state and its generator, through one drive."""
 
     def __init__(self, estimator: Estimator, nominal: Nominal, rng: np.random.Generator):
         self.estimator, self.rng = estimator, rng
-        self.state: Any = estimator.init(nominal, rng)
-        self.filled: tuple[str, ...] = ()  # fields that are passed-on readings
+        try:
+            self.state: Any = estimator.init(nominal, rng)
+        except Exception as error:
+            raise EstimatorError(f"raised {type(error).__name__}: {error}") from error
+        self.filled: tuple[str, ...] = ()  # fields that were passed-on readings at least once
+        self.seconds = 0.0  # that the last update and estimate took [s]
         self._truth = estimator if isinstance(estimator, Truth) else None
         self._whole = type(self._truth) is Truth and self._truth == Truth()
         delay = 0 if self._truth is None else round(self._truth.delay / nominal.dt)
@@ -40,11 +49,12 @@ class Listener:
         if self._whole:
             _, _, _, vx, vy, yaw_rate, *_, ax, ay = truth.tolist()
             return Estimate(vx, vy, yaw_rate, ax, ay, KNOWN_COV)
-        estimator = self.estimator
-        if estimator.told_friction:
-            self.state = estimator.tell_friction(self.state, friction)
-        self.state = estimator.update(self.state, reading, self.rng)
-        estimate = estimator.estimate(self.state)
+        begin = perf_counter()
+        try:
+            estimate = self._ask(reading, friction)
+        except Exception as error:
+            raise EstimatorError(f"raised {type(error).__name__}: {error}") from error
+        self.seconds = perf_counter() - begin
         if self._truth is not None:
             estimate = self._true_fields(self._truth, estimate, truth)
         vx, vy, yaw_rate, ax, ay = estimate[:5]
@@ -52,8 +62,18 @@ class Listener:
             return estimate
         fill = {"yaw_rate": heard[Y_YAW_RATE], "ax": heard[Y_AX], "ay": heard[Y_AY]}
         missing: dict[str, Any] = {k: float(v) for k, v in fill.items() if getattr(estimate, k) != getattr(estimate, k)}
-        self.filled = tuple(missing)
+        self.filled = tuple(sorted({*self.filled, *missing}))
         return estimate._replace(**missing)
+
+    def _ask(self, reading: Reading, friction: float) -> Estimate:
+        estimator = self.estimator
+        if estimator.told_friction:
+            self.state = estimator.tell_friction(self.state, friction)
+        self.state = estimator.update(self.state, reading, self.rng)
+        estimate = estimator.estimate(self.state)
+        if not isinstance(estimate, Estimate) or np.shape(estimate.cov) != (3, 3):
+            raise TypeError(f"estimate() must return an Estimate with a cov of (3, 3), not {estimate!r}")
+        return estimate
 
     def _true_fields(self, marker: Truth, estimate: Estimate, truth: Array) -> Estimate:
         self._past.append(truth)

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vse_gym.physics import parameters as p
-from vse_gym.types import Array, Log
+from vse_gym.types import SLOW, Array, Log
 
-SLOW = 2.0  # below this speed a sideslip angle means nothing and is not scored [m/s]
 LOST = math.radians(30)  # an estimator whose sideslip is wrong by more has diverged
-COLLAPSED = 1e6  # NEES of one instant counts at most this: a belief collapsed onto a point would hide all others
+COLLAPSED = 1e6  # NEES of an instant whose covariance is singular or worse, and the most that any instant counts
 WORST = 14.0  # regret of a drive that ended badly, and the most a drive can have
 
 
@@ -61,12 +60,14 @@ def _largest(x: Array) -> float:
 def nees(e: Errors) -> float:
     """Mean normalised estimation error squared of vx, vy, yaw rate, over 3: 1 for a consistent filter."""
     usable: NDArray[np.bool_] = np.all(np.isfinite(e.cov), axis=(1, 2)) & np.all(np.isfinite(e.motion), axis=1)
-    spread = np.linalg.eigvalsh(e.cov[usable])
-    usable[usable] = spread[:, 0] > 1e-12 * spread[:, -1]  # not the truth's, nor one collapsed onto a particle
+    usable &= np.any(e.cov != 0, axis=(1, 2))  # the truth knows itself
     if not usable.any():
         return math.nan
-    solved = np.linalg.solve(e.cov[usable], e.motion[usable][:, :, None])[:, :, 0]
-    square = np.sum(solved * e.motion[usable], axis=1)
+    cov, motion = e.cov[usable], e.motion[usable]
+    spread = np.linalg.eigvalsh(cov)
+    sound = spread[:, 0] > 1e-12 * np.abs(spread[:, -1])
+    square = np.full(len(cov), COLLAPSED)
+    square[sound] = np.sum(np.linalg.solve(cov[sound], motion[sound][:, :, None])[:, :, 0] * motion[sound], axis=1)
     return float(np.mean(np.minimum(square, COLLAPSED))) / 3
 
 
@@ -112,8 +113,7 @@ def direct(e: Errors) -> dict[str, float | bool]:
 
 def peak_sideslip_deg(log: Log) -> float:
     """Largest |sideslip| above walking pace."""
-    moving = np.asarray(np.hypot(log.truth[:, p.VX], log.truth[:, p.VY]) > SLOW)
-    return math.degrees(np.max(np.abs(log.sideslip[moving]), initial=0.0))
+    return math.degrees(log.peak_sideslip)
 
 
 def spin(log: Log) -> float:
@@ -184,7 +184,8 @@ ENDED_BADLY = Regret(4.0, 4.0, 3.0, 3.0)
 def regret(log: Log, truth: Log, benign: bool) -> Regret:
     """Regret of a drive against the one with true states on the same seed.
 
-    A drive that ended early has the worst there is. In a benign drive only needless braking counts.
+    A drive that ended early, for whatever reason, has the worst there is. In a benign drive only needless braking
+    counts.
     """
     if log.ended:
         return ENDED_BADLY

@@ -41,7 +41,7 @@ class Nominal:
         check_vehicle(self.vehicle)
         if not 0 < self.friction <= 2:
             raise ValueError(f"friction must lie in (0, 2], not {self.friction}")
-        if not (self.dt > 0 and math.isfinite(self.speed) and self.speed >= 0):
+        if not (0 < self.dt < math.inf and 0 <= self.speed < math.inf):
             raise ValueError(f"dt must be positive and speed not negative, not {self.dt} and {self.speed}")
 
 

@@ -18,8 +18,8 @@ class UnknownNameError(KeyError):
 class Registry(Mapping[str, type[T]], Generic[T]):
     """A read-only mapping from names to classes: ours, and those that other packages publish as entry points."""
 
-    def __init__(self, group: str, builtin: Mapping[str, str]):
-        self._group, self._builtin = group, dict(builtin)
+    def __init__(self, group: str, builtin: Mapping[str, str], base: str = ""):
+        self._group, self._builtin, self._base = group, dict(builtin), base
 
     @property
     def kind(self) -> str:
@@ -53,12 +53,14 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
         Raises:
             UnknownNameError: If no class has that name.
-            TypeError: If the class has no such setting, or settings come with an instance.
+            TypeError: If the class has no such setting, settings come with an instance, or it is of another kind.
         """
         if isinstance(thing, str):
             return self[thing](**settings)
         if isinstance(thing, type):
             raise TypeError(f"{thing.__name__} is a class: give an instance, {thing.__name__}(...), or a name")
+        if self._base and not isinstance(thing, resolve_name(self._base)):
+            raise TypeError(f"neither a name of the catalogue nor a {self._base.rpartition(':')[2]}: {thing!r}")
         if settings:
             raise TypeError(f"settings {sorted(settings)} go into {type(thing).__name__}(...) itself")
         return thing

@@ -100,6 +100,13 @@ def by_cell(runs: pl.DataFrame) -> tuple[list[str], list[list[str]]]:
     return ["estimator", *cells], [[e, *(_text(mean.get((e, c)), ".2f") for c in cells)] for e in order]
 
 
+def reasons(runs: pl.DataFrame) -> list[str]:
+    """Why drives ended early, a line for each estimator and reason, the most frequent first; spins apart."""
+    ended = runs.filter((pl.col("loop_ended") != "") & (pl.col("loop_ended") != "spin"))
+    counts = ended.group_by("estimator", "loop_ended").len().sort("len", "estimator", descending=[True, False])
+    return [f"{name}: {count} drives ended early, {why}" for name, why, count in counts.iter_rows()]
+
+
 def _text(value: float | None, spec: str) -> str:
     return "-" if value is None or value != value else format(value, spec)
 

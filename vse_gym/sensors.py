@@ -103,8 +103,12 @@ class Sensors:
             elif isinstance(value, float | int):
                 numbers[field.name] = value
         for name, value in numbers.items():
-            if not value >= 0:
-                raise ValueError(f"{name} must not be negative, not {value}")
+            if not 0 <= value < np.inf:
+                raise ValueError(f"{name} must be finite and not negative, not {value}")
+        for name in ("silence", "burst"):
+            shortest, longest = getattr(self, name)
+            if not shortest <= longest < np.inf:
+                raise ValueError(f"{name} goes from its shortest to its longest duration, not {shortest} to {longest}")
 
     def record(self, steps: int, dt: float, seed: int) -> "NoiseRecord":
         """Everything that will happen to the readings of one run of that many steps."""

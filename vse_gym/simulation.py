@@ -8,9 +8,10 @@ import numpy as np
 
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
 from vse_gym.compiled import compiled, hold
+from vse_gym.controllers.allocation import as_torques
 from vse_gym.controllers.base import Controller
 from vse_gym.estimators.base import Estimator
-from vse_gym.listener import Listener
+from vse_gym.listener import EstimatorError, Listener
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
@@ -42,6 +43,8 @@ class Scenario:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle", p.check_vehicle(self.vehicle))
+        if self.steps < 1:
+            raise ValueError(f"a drive of {self.manoeuvre.duration} s is shorter than one step of {self.dt} s")
         if self.integrator not in INTEGRATORS:
             raise ValueError(f"integrator must be one of {', '.join(INTEGRATORS)}, not {self.integrator!r}")
         if abs(self.substeps * self.substep - self.dt) > 1e-9:
@@ -181,12 +184,17 @@ class Simulation:
 
         Raises:
             RuntimeError: If the drive is over.
+        ValueError: If the demand or what the driver does is not four finite numbers each.
+        EstimatorError: If the estimator raises.
         """
         if self.done:
             raise RuntimeError(f"the drive is over ({self.ended or 'its time is up'}): call reset")
         s = self.scenario
         driver, self._driver_state = s.manoeuvre.drive(self._driver_state, self.time, Car(self.state))
         steer = driver.hand_wheel / s.vehicle.steering_ratio
+        held = np.array((driver.drive, driver.brake, demand.added, demand.release), dtype=float)
+        if held.shape != (4, 4) or not math.isfinite(held.sum()):
+            raise ValueError(f"drive, brake, added and release are four finite numbers each, not {held.tolist()}")
         estimate = self.frame.estimate
         self.hand_wheel, self.steer, self.k = driver.hand_wheel, steer, self.k + 1
         self._unit, self.state, u, y, self.heard = next_row(
@@ -198,7 +206,7 @@ class Simulation:
             self.state,
             self.heard,
             steer,
-            np.array((driver.drive, driver.brake, demand.added, demand.release), dtype=float),
+            held,
             (estimate.vx, estimate.vy, estimate.yaw_rate),
             self.k,
         )
@@ -235,18 +243,19 @@ def rollout(scenario: Scenario, estimator: str | Estimator, controller: str | Co
     book = _Book(scenario.steps + 1)
     ended = ""
     filled: tuple[str, ...] = ()
-    demand, state = NO_BRAKE, law.init(scenario.nominal)
+    state = law.init(scenario.nominal)
     try:
         frame = simulation.reset(seed)
         while True:
-            demand, state = law.act(state, frame.estimate, frame.reading)
+            asked, state = law.act(state, frame.estimate, frame.reading)
+            demand = BrakeDemand(*as_torques(asked.added, asked.release))
             book.write(simulation, frame, demand)
+            filled = simulation.listener.filled
             if simulation.done:
-                filled = simulation.listener.filled
                 break
             frame = simulation.step(demand)
-    except Exception as error:  # a broken estimator is a row with its reason, not the end of a benchmark
-        ended = f"raised {type(error).__name__}: {error}"
+    except EstimatorError as error:  # a broken estimator is a row with its reason, not the end of a benchmark
+        ended = str(error)
     return book.close(ended or simulation.ended, filled)
 
 
@@ -259,7 +268,7 @@ class _Book:
         self.inputs, self.readings = np.empty((rows, 9)), np.empty((rows, 7))
         self.estimate, self.cov = np.empty((rows, 5)), np.empty((rows, 3, 3))
         self.brake, self.added, self.release = np.empty((rows, 4)), np.empty((rows, 4)), np.empty((rows, 4))
-        self.scalars = np.empty((rows, 4))  # time, hand wheel, steer, friction
+        self.scalars = np.empty((rows, 6))  # time, hand wheel, steer, friction, NIS, seconds
 
     def write(self, simulation: Simulation, frame: Frame, demand: BrakeDemand) -> None:
         k = self.rows
@@ -267,12 +276,16 @@ class _Book:
         self.inputs[k], self.readings[k] = frame.reading.inputs, frame.reading.y
         self.estimate[k], self.cov[k] = frame.estimate[:5], frame.estimate.cov
         self.brake[k], self.added[k], self.release[k] = frame.brake, demand.added, demand.release
-        self.scalars[k] = simulation.time, simulation.hand_wheel, simulation.steer, simulation.friction
+        listener = simulation.listener
+        square, freedom = listener.estimator.innovation(listener.state)
+        nis = square / freedom if freedom > 0 else math.nan
+        control = simulation.time, simulation.hand_wheel, simulation.steer, simulation.friction
+        self.scalars[k] = (*control, nis, listener.seconds)
         self.rows += 1
 
     def close(self, ended: str, filled: tuple[str, ...]) -> Log:
         n = self.rows
-        time, hand_wheel, steer, friction = self.scalars[:n].T
+        time, hand_wheel, steer, friction, nis, seconds = self.scalars[:n].T
         return Log(
             time,
             self.truth[:n],
@@ -288,4 +301,6 @@ class _Book:
             friction,
             ended,
             filled,
+            nis,
+            seconds,
         )

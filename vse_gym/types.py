@@ -13,6 +13,7 @@ __all__ = ["NO_BRAKE", "UNKNOWN_COV", "Array", "BrakeDemand", "Car", "Driver", "
 
 Array = NDArray[np.float64]
 NAN = float("nan")
+SLOW = 2.0  # below this speed a sideslip angle means nothing and is not scored [m/s]
 
 
 def _constant(value: float, *shape: int) -> Array:
@@ -196,7 +197,11 @@ class Estimate(NamedTuple):
 
 
 class Log(NamedTuple):
-    """One drive, T instants long; row k is the instant k dt, and what was decided there holds until k + 1."""
+    """One drive, T instants long; row k is the instant k dt.
+
+    What the stability control decided in row k holds until row k + 1; hand wheel, steer and brake are what acted
+    until row k.
+    """
 
     time: Array  # (T,) [s]
     truth: Array  # the plant's state, (T, STATE_SIZE)
@@ -211,9 +216,17 @@ class Log(NamedTuple):
     release: Array  # share of the driver's brake that it let go, (T, 4)
     friction: Array  # mean of the four wheels, (T,)
     ended: str  # why the drive ended early; empty: it did not
-    filled: tuple[str, ...]  # fields of the estimate that are passed-on readings
+    filled: tuple[str, ...]  # fields of the estimate that were passed-on readings
+    nis: Array = NO_TORQUE[:0]  # of each update, over its degrees of freedom, (T,); NaN where none
+    seconds: Array = NO_TORQUE[:0]  # that each update and estimate took, (T,) [s]
 
     @property
     def sideslip(self) -> Array:
         """True sideslip angle, (T,) [rad]."""
         return np.arctan2(self.truth[:, p.VY], self.truth[:, p.VX])
+
+    @property
+    def peak_sideslip(self) -> float:
+        """Largest |sideslip| above walking pace [rad]."""
+        moving = np.asarray(np.hypot(self.truth[:, p.VX], self.truth[:, p.VY]) > SLOW)
+        return float(np.max(np.abs(self.sideslip[moving]), initial=0.0))

@@ -158,7 +158,13 @@ def test_zero_sideslip_ignores_a_wheel_for_a_while_after_it_braked(speed_after, 
 
 
 def test_zero_sideslip_takes_the_fastest_while_all_brake(speed_after, radius):
-    assert speed_after(reading_of([5.0, 18.0, 6.0, 12.0], radius, brake=[500.0] * 4)) == pytest.approx(18.0)
+    assert speed_after(reading_of([5.0, 25.2, 6.0, 12.0], radius, brake=[500.0] * 4)) == pytest.approx(25.2)
+
+
+def test_zero_sideslip_takes_no_locking_wheel_for_a_speed(speed_after, radius):
+    # From 25 m/s, with an accelerometer that feels nothing, speed falls by the margin of 0.3 m/s2 for 10 ms.
+    slow = speed_after(reading_of([5.0, 18.0, 6.0, 12.0], radius, brake=[500.0] * 4))
+    assert slow == pytest.approx(25.0 - 0.3 * 0.01)
 
 
 def test_zero_sideslip_leaves_silent_wheels_out(speed_after, radius):

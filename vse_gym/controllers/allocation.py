@@ -3,8 +3,10 @@
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vse_gym.compiled import compiled
+from vse_gym.types import Array
 
 SLOWEST = 4.0  # no stability control below this speed [m/s]
 SMALLEST = 50.0  # nor for a moment below this [N m]
@@ -65,3 +67,15 @@ def agent_demand(g, base_added, base_release, action, yaw_moment, vx, yaw_rate, 
             release[i] = max(release[i], min(1.0, -action[i]))
         added[i] = min(cap, base_added[i] + extra[i])
     return added, release
+
+
+def as_torques(added: ArrayLike, release: ArrayLike) -> tuple[Array, Array]:
+    """A demand as kernels take it, (4,) and (4,) floats; whoever wrote the controller may have used lists.
+
+    Raises:
+        ValueError: If it has another shape or is not finite.
+    """
+    both = np.array((added, release), dtype=float)
+    if both.shape != (2, 4) or not np.isfinite(both).all():
+        raise ValueError(f"a brake demand is four finite torques and four shares, not {added!r} and {release!r}")
+    return np.maximum(both[0], 0.0), both[1]

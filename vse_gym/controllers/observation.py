@@ -57,23 +57,26 @@ class Encoder:
         self.low = np.array([f.low for f in LAYOUTS[layout]], dtype=np.float32)
         self.high = np.array([f.high for f in LAYOUTS[layout]], dtype=np.float32)
 
-    def encode(self, estimate: Estimate, reading: Reading, heard: Array, reference: float) -> NDArray[np.float32]:
+    def encode(
+        self, estimate: Estimate, steer: float, reading: Reading, heard: Array, reference: float
+    ) -> NDArray[np.float32]:
         """The observation.
 
         Args:
             estimate: What is believed of the car; for the layout "truth", what is so.
+            steer: Road-wheel angle [rad].
             reading: The newest one.
             heard: Last valid value of each channel, (7,).
             reference: Yaw rate that the driver is taken to want [rad/s].
         """
-        command = [reading.steer, reference]
+        command = [steer, reference]
         if self.layout == "reading":
             valid = (reading.y == reading.y).tolist()
-            vector = np.array(heard.tolist() + valid + command, dtype=np.float32)
+            vector = np.array(heard.tolist() + valid + command)
         else:
             vx, vy, yaw_rate, ax, ay = estimate[:5]
             variances = np.sqrt(estimate.cov.diagonal()).tolist()
             spread = [s if s == s else f.high for s, f in zip(variances, MOTION[6:9], strict=True)]
-            vector = np.array([vx, vy, yaw_rate, ax, ay, estimate.sideslip, *spread, *command], dtype=np.float32)
-        np.maximum(vector, self.low, out=vector)
-        return np.minimum(vector, self.high, out=vector)
+            vector = np.array([vx, vy, yaw_rate, ax, ay, estimate.sideslip, *spread, *command])
+        clipped: NDArray[np.float32] = np.minimum(np.maximum(vector, self.low), self.high).astype(np.float32)
+        return clipped

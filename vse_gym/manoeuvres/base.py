@@ -3,8 +3,8 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, NamedTuple
 
 from vse_gym.models import Nominal
 from vse_gym.physics.parameters import Road, road
@@ -64,17 +64,28 @@ class Manoeuvre(ABC):
     """The driver and the course. The driver sees the road, so that the ``car`` he sees is the true one.
 
     Raises:
-        ValueError: If speed or duration is not positive, or friction not in (0, 2].
+        ValueError: If a number is not finite, speed or duration not positive, or friction not in (0, 2].
     """
 
     speed: float = 80 * KMH  # at the start [m/s]
     friction: float = 0.9  # of the road at the start [-]
     duration: float = 6.0  # [s]
 
+    # of a member's settings: those that must be positive, and those that must not be negative
+    positive: ClassVar[tuple[str, ...]] = ()
+    not_negative: ClassVar[tuple[str, ...]] = ("begin",)
+
     def __post_init__(self) -> None:
-        for name in ("speed", "duration"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None:
+                continue
+            if isinstance(value, bool | str) or not math.isfinite(value):
+                raise ValueError(f"{field.name} must be a finite number, not {value!r}")
+            if field.name in ("speed", "duration", *self.positive) and not value > 0:
+                raise ValueError(f"{field.name} must be positive, not {value}")
+            if field.name in self.not_negative and value < 0:
+                raise ValueError(f"{field.name} must not be negative, not {value}")
         if not 0 < self.friction <= 2:
             raise ValueError(f"friction must lie in (0, 2], not {self.friction}")
 

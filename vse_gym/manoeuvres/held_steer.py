@@ -2,8 +2,7 @@
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
+from typing import ClassVar
 
 from vse_gym.manoeuvres.base import DEG, Criterion, Manoeuvre, Verdict
 from vse_gym.models import Nominal
@@ -25,12 +24,12 @@ class HeldSteer(Manoeuvre):
     friction_after: float | None = None  # None: no jump [-]
     jump: float = 1.8  # when a car at the start speed meets the other friction [s]
 
+    positive: ClassVar[tuple[str, ...]] = ("jump", "rate")
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.friction_after is not None and not 0 < self.friction_after <= 2:
             raise ValueError(f"friction_after must lie in (0, 2], not {self.friction_after}")
-        if not self.jump > 0 or not self.rate > 0:
-            raise ValueError(f"jump and rate must be positive, not {self.jump} and {self.rate}")
 
     def road(self) -> p.Road:
         if self.friction_after is None:
@@ -43,5 +42,5 @@ class HeldSteer(Manoeuvre):
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """No standard has limits here; chosen: the car still points where it goes, to within 15 deg."""
-        sideslip = math.degrees(np.max(np.abs(log.sideslip)))
+        sideslip = math.degrees(log.peak_sideslip)
         return Verdict((Criterion("largest sideslip", sideslip, 15.0, "deg"),))

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,6 +25,9 @@ class SineWithDwell(Manoeuvre):
     frequency: float = 0.7  # [Hz]
     dwell: float = 0.5  # [s]
     begin: float = 0.5  # of steer [s]
+
+    positive: ClassVar[tuple[str, ...]] = ("frequency",)
+    not_negative: ClassVar[tuple[str, ...]] = ("begin", "dwell")
 
     @property
     def complete(self) -> float:

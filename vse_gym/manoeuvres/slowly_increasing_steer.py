@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
@@ -32,6 +33,8 @@ class SlowlyIncreasingSteer(Manoeuvre):
     begin: float = 0.5  # of steer [s]
     stop: float = 0.5 * p.GRAVITY  # the hand wheel is held from here on [m/s2]
     grip: float = 2000.0  # drive torque per speed error [N m s/m]
+
+    positive: ClassVar[tuple[str, ...]] = ("stop", "grip")
 
     def init(self, nominal: Nominal) -> tuple[float, Nominal]:
         return 0.0, nominal

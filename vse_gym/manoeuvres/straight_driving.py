@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,6 +18,8 @@ class StraightDriving(Manoeuvre):
 
     half_lane: float = 1.75  # the centre of gravity leaves the lane beyond this [m]
 
+    positive: ClassVar[tuple[str, ...]] = ("half_lane",)
+
     def drive(self, state: None, time: float, car: Car) -> tuple[Driver, None]:
         return Driver(), None
 
@@ -26,7 +29,7 @@ class StraightDriving(Manoeuvre):
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """No standard has limits here; these are chosen so that a driver would not notice anything."""
         offset = float(np.max(np.abs(log.truth[:, p.Y])))
-        sideslip = math.degrees(np.max(np.abs(log.sideslip)))
+        sideslip = math.degrees(log.peak_sideslip)
         work = float(log.truth[-1, p.BRAKE_WORK] - log.truth[0, p.BRAKE_WORK]) / 1e3
         return Verdict(
             (

@@ -177,7 +177,7 @@ def check_vehicle(vehicle: Vehicle) -> Vehicle:
     may_be_zero = {"height", "front_tyre.trail", "rear_tyre.trail"}
     wrong = []
     for name, value in numbers.items():
-        if isinstance(value, bool | str) or not np.isfinite(value):
+        if not isinstance(value, int | float | np.number) or isinstance(value, bool) or not np.isfinite(value):
             wrong.append(f"{name} = {value!r} is not a finite number")
         elif name in shares and not 0 <= value <= 1:
             wrong.append(f"{name} = {value} must lie in [0, 1]")
