@@ -234,12 +234,13 @@ class _Metrics:
         self.peak = self.squares = self.intervention = 0.0
 
     def add(self, frame: Frame, demand: BrakeDemand) -> None:
-        car = frame.truth
-        if math.hypot(car.vx, car.vy) > SLOW:
+        vx, vy = frame.truth.vx, frame.truth.vy
+        if math.hypot(vx, vy) > SLOW:
+            sideslip = math.atan2(vy, vx)
             self.steps += 1
-            self.peak = max(self.peak, abs(car.sideslip))
-            self.squares += math.remainder(frame.estimate.sideslip - car.sideslip, 2 * math.pi) ** 2
-        if demand.added.any() or demand.release.any():
+            self.peak = max(self.peak, abs(sideslip))
+            self.squares += math.remainder(frame.estimate.sideslip - sideslip, 2 * math.pi) ** 2
+        if any(demand.added.tolist()) or any(demand.release.tolist()):
             self.intervention += self.dt
 
     def now(self, frame: Frame) -> dict[str, float]:

@@ -193,7 +193,7 @@ class Simulation:
         driver, self._driver_state = s.manoeuvre.drive(self._driver_state, self.time, Car(self.state))
         steer = driver.hand_wheel / s.vehicle.steering_ratio
         held = np.array((driver.drive, driver.brake, demand.added, demand.release), dtype=float)
-        if held.shape != (4, 4) or not math.isfinite(held.sum()):
+        if held.shape != (4, 4) or not math.isfinite(sum(held.ravel().tolist())):
             raise ValueError(f"drive, brake, added and release are four finite numbers each, not {held.tolist()}")
         estimate = self.frame.estimate
         self.hand_wheel, self.steer, self.k = driver.hand_wheel, steer, self.k + 1

@@ -65,7 +65,7 @@ def agent_demand(g, base_added, base_release, action, yaw_moment, vx, yaw_rate, 
         if not yaw_moment:
             extra[i] = max(0.0, min(1.0, action[i])) * cap
             release[i] = max(release[i], min(1.0, -action[i]))
-        added[i] = min(cap, base_added[i] + extra[i])
+        added[i] = min(cap, max(0.0, base_added[i]) + extra[i])
     return added, release
 
 
@@ -76,6 +76,6 @@ def as_torques(added: ArrayLike, release: ArrayLike) -> tuple[Array, Array]:
         ValueError: If it has another shape or is not finite.
     """
     both = np.array((added, release), dtype=float)
-    if both.shape != (2, 4) or not np.isfinite(both).all():
+    if both.shape != (2, 4) or not math.isfinite(sum(both.ravel().tolist())):
         raise ValueError(f"a brake demand is four finite torques and four shares, not {added!r} and {release!r}")
-    return np.maximum(both[0], 0.0), both[1]
+    return both[0], both[1]

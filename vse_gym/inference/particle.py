@@ -106,12 +106,12 @@ def bootstrap_step(model, states, weights, memory, u, y, share, resample_below, 
     logs = log_likelihood(observe(model, states, u), y, variances, share)
     peak = -math.inf
     for j in range(size):
-        logs[j] = logs[j] + math.log(weights[j]) if weights[j] > 0.0 else -math.inf
-        peak = max(peak, logs[j])
+        if weights[j] > 0.0:  # one without weight, right beside the reading, would make all others underflow
+            peak = max(peak, logs[j])
     after = np.empty(size)
     total = 0.0
     for j in range(size):
-        after[j] = math.exp(logs[j] - peak)
+        after[j] = weights[j] * math.exp(min(0.0, logs[j] - peak))
         total += after[j]
     mean = np.zeros(n)
     squares = 0.0
