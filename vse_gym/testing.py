@@ -14,10 +14,8 @@ import copy
 import itertools
 import math
 import pickle
-import random
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,12 +24,12 @@ from vse_gym.catalogue import CONTROLLERS
 from vse_gym.controllers.base import Controller
 from vse_gym.estimators.base import Estimator
 from vse_gym.models import Nominal
+from vse_gym.probing import Block, contents, differences, global_generators, mirror, require, who
 from vse_gym.sensors import Sensors
 from vse_gym.simulation import Simulation, scenario
 from vse_gym.types import (
     CHANNELS,
     U_BRAKE,
-    U_STEER,
     Y_AX,
     Y_AY,
     Y_WHEEL,
@@ -61,138 +59,56 @@ def example_drive(seed: int = 0, sensors: str | Sensors = "dropout") -> Drive:
     return Drive(setting.nominal, tuple(f.reading for f in frames), tuple(f.estimate for f in frames))
 
 
-class _Block:
-    """An estimator or a controller, and what it hears, seen alike."""
-
-    def __init__(self, owner: Estimator | Controller, nominal: Nominal, heard: Sequence[Sequence[Any]]):
-        self.owner: Any = owner
-        self.nominal, self.estimates = nominal, isinstance(owner, Estimator)
-        self.items = copy.deepcopy(list(zip(*heard, strict=True)))  # who edits them shall spoil no other check
-
-    def init(self, rng: np.random.Generator) -> Any:
-        return self.owner.init(self.nominal, rng) if self.estimates else self.owner.init(self.nominal)
-
-    def step(self, state: Any, item: tuple[Any, ...], rng: np.random.Generator) -> tuple[Any, Any]:
-        """State and output after one more item."""
-        if not self.estimates:
-            demand, state = self.owner.act(state, *item)
-            return state, demand
-        if self.owner.told_friction:
-            state = self.owner.tell_friction(state, self.nominal.friction)
-        state = self.owner.update(state, *item, rng)
-        return state, self.owner.estimate(state)
-
-    def go_on(self, state: Any, items: Sequence[Any], rng: np.random.Generator) -> list[Any]:
-        outputs = []
-        for item in items:
-            state, output = self.step(state, item, rng)
-            outputs.append(output)
-        return outputs
-
-    def drive(self, items: Sequence[Any] | None = None, rng: np.random.Generator | None = None) -> list[Any]:
-        rng = rng or np.random.default_rng(0)
-        return self.go_on(self.init(rng), self.items if items is None else items, rng)
-
-
-def _require(kept: bool, broken: str) -> None:
-    if not kept:
-        raise AssertionError(broken)
-
-
-def _who(owner: Estimator | Controller) -> str:
-    return type(owner).__name__
-
-
-def _facts(thing: Any, where: str = "it", found: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Everything that an object holds, bit by bit, each with its path; walks what pickle would store."""
-    facts: dict[str, Any] = {} if found is None else found
-    parts: Any = ()
-    if thing is None or isinstance(thing, type | FunctionType | BuiltinFunctionType | ModuleType):
-        facts[where] = thing
-    elif isinstance(thing, bool | int | float | complex | str | bytes | np.generic):
-        facts[where] = repr(thing)
-    elif isinstance(thing, np.ndarray) and thing.dtype != object:
-        facts[where] = thing.dtype.str, thing.shape, thing.tobytes()
-    elif isinstance(thing, dict):
-        facts[where], parts = len(thing), ((f"[{key!r}]", value) for key, value in thing.items())
-    elif isinstance(thing, tuple | list):
-        names = getattr(thing, "_fields", range(len(thing)))
-        facts[where], parts = len(thing), ((f".{name}", value) for name, value in zip(names, thing, strict=True))
-    else:
-        try:
-            stored = thing.__reduce_ex__(4)
-        except Exception as error:
-            raise AssertionError(f"{where}, a {type(thing).__name__}, cannot be pickled: keep plain data") from error
-        how = (
-            [stored]
-            if isinstance(stored, str)
-            else [p if k < 3 or p is None else list(p) for k, p in enumerate(stored)]
-        )
-        facts[where], parts = type(thing), (("" if k == 2 else f"~{k}", part) for k, part in enumerate(how))
-    for name, part in parts:
-        _facts(part, where + name, facts)
-    return facts
-
-
-def _global_generators() -> dict[str, Any]:
-    return _facts([random.getstate(), np.random.get_state(legacy=False)])  # noqa: NPY002 - to see that nobody used it
-
-
-def _differences(before: dict[str, Any], after: dict[str, Any]) -> str:
-    """Paths of what differs; empty if nothing does."""
-    return ", ".join(sorted(path for path in before.keys() | after.keys() if before.get(path) != after.get(path))[:5])
-
-
 # -- promises of estimators and controllers alike -------------------------------------------------------------------
 
 
 def check_edits_nothing(owner: Estimator | Controller, nominal: Nominal, *heard: Sequence[Any]) -> None:
     """Every earlier state, the readings, the estimates and ``nominal`` stay as they were."""
-    block, rng, kept = _Block(owner, nominal, heard), np.random.default_rng(0), []
-    before = _facts(nominal, "nominal") | _facts(block.items, "heard")
+    block, rng, kept = Block(owner, nominal, heard), np.random.default_rng(0), []
+    before = contents(nominal, "nominal") | contents(block.items, "heard")
     state = block.init(rng)
     for k, item in enumerate(block.items):
-        kept.append((k, state, _facts(state, "state")))
+        kept.append((k, state, contents(state, "state")))
         state, _ = block.step(state, item, rng)
-    edited = _differences(before, _facts(nominal, "nominal") | _facts(block.items, "heard"))
-    _require(not edited, f"{_who(owner)} edited what it was given ({edited}): work on a copy.")
+    edited = differences(before, contents(nominal, "nominal") | contents(block.items, "heard"))
+    require(not edited, f"{who(owner)} edited what it was given ({edited}): work on a copy.")
     for k, old, facts in kept:
-        edited = _differences(facts, _facts(old, "state"))
+        edited = differences(facts, contents(old, "state"))
         advice = "hand back a new state, with copies of the arrays that change"
-        _require(not edited, f"{_who(owner)} edited an old state, the one before reading {k} ({edited}): {advice}.")
+        require(not edited, f"{who(owner)} edited an old state, the one before reading {k} ({edited}): {advice}.")
 
 
 def check_keeps_itself(owner: Estimator | Controller, nominal: Nominal, *heard: Sequence[Any]) -> None:
     """The instance is the same after use as before, and two drives at once do not disturb each other."""
-    block, before = _Block(owner, nominal, heard), _facts(owner, "self")
+    block, before = Block(owner, nominal, heard), contents(owner, "self")
     alone = block.drive()
-    edited = _differences(before, _facts(owner, "self"))
+    edited = differences(before, contents(owner, "self"))
     advice = "an instance is a frozen set of tunings; what changes over time travels in the state"
-    _require(not edited, f"{_who(owner)} changed itself in use ({edited}): {advice}.")
+    require(not edited, f"{who(owner)} changed itself in use ({edited}): {advice}.")
     generators, together = [np.random.default_rng(0), np.random.default_rng(1)], []
     states = [block.init(rng) for rng in generators]
-    for item, other in zip(block.items, map(_mirror, block.items), strict=True):
+    for item, other in zip(block.items, map(mirror, block.items), strict=True):
         states[0], output = block.step(states[0], item, generators[0])
         states[1], _ = block.step(states[1], other, generators[1])
         together.append(output)
-    differ = _differences(_facts(alone, "output"), _facts(together, "output"))
-    _require(not differ, f"{_who(owner)} mixes two drives that go on at once ({differ}): {advice}.")
+    differ = differences(contents(alone, "output"), contents(together, "output"))
+    require(not differ, f"{who(owner)} mixes two drives that go on at once ({differ}): {advice}.")
 
 
 def check_repeats_itself(owner: Estimator | Controller, nominal: Nominal, *heard: Sequence[Any]) -> None:
     """The same drive and the same seed of ``rng`` give the same bits; global generators are left alone."""
-    block = _Block(owner, nominal, heard)
-    before = _global_generators()
-    differ = _differences(_facts(block.drive(), "output"), _facts(block.drive(), "output"))
+    block = Block(owner, nominal, heard)
+    before = global_generators()
+    differ = differences(contents(block.drive(), "output"), contents(block.drive(), "output"))
     advice = "draw random numbers from rng alone"
-    _require(not differ, f"{_who(owner)} gave two results for one drive and one seed ({differ}): {advice}.")
-    differ = _differences(before, _global_generators())
-    _require(not differ, f"{_who(owner)} drew from a global generator, or seeded it: {advice}.")
+    require(not differ, f"{who(owner)} gave two results for one drive and one seed ({differ}): {advice}.")
+    differ = differences(before, global_generators())
+    require(not differ, f"{who(owner)} drew from a global generator, or seeded it: {advice}.")
 
 
 def check_can_be_saved(owner: Estimator | Controller, nominal: Nominal, *heard: Sequence[Any]) -> None:
     """A state that went through ``pickle`` or ``copy.deepcopy`` goes on bit by bit like the original."""
-    block, rng = _Block(owner, nominal, heard), np.random.default_rng(0)
+    block, rng = Block(owner, nominal, heard), np.random.default_rng(0)
     state, half = block.init(rng), len(block.items) // 2
     for item in block.items[:half]:
         state, _ = block.step(state, item, rng)
@@ -201,12 +117,12 @@ def check_can_be_saved(owner: Estimator | Controller, nominal: Nominal, *heard: 
             again = way(state)
         except Exception as error:
             raise AssertionError(
-                f"{_who(owner)}: its state cannot be copied ({error}): keep plain data in it"
+                f"{who(owner)}: its state cannot be copied ({error}): keep plain data in it"
             ) from error
         futures = [block.go_on(s, block.items[half:], copy.deepcopy(rng)) for s in (state, again)]
-        differ = _differences(*(_facts(outputs, "output") for outputs in futures))
+        differ = differences(*(contents(outputs, "output") for outputs in futures))
         advice = "all that the next step needs must be in the state"
-        _require(not differ, f"{_who(owner)} goes on differently from a copy of its state ({differ}): {advice}.")
+        require(not differ, f"{who(owner)} goes on differently from a copy of its state ({differ}): {advice}.")
 
 
 def check_is_symmetric(owner: Estimator | Controller, nominal: Nominal, *heard: Sequence[Any]) -> None:
@@ -215,37 +131,18 @@ def check_is_symmetric(owner: Estimator | Controller, nominal: Nominal, *heard: 
     To 1e-6: the same sums in another order differ by 1e-16, enlarged to 1e-10 by difference quotients and a little
     more by a car near its limit.
     """
-    block, rng = _Block(owner, nominal, heard), np.random.default_rng(0)
-    fresh = _facts(rng)
+    block, rng = Block(owner, nominal, heard), np.random.default_rng(0)
+    fresh = contents(rng)
     outputs = block.drive(rng=rng)
-    if _facts(rng) != fresh:
+    if contents(rng) != fresh:
         return
     advice = "look for a wrong sign, or for a left wheel where the right one is meant"
-    for k, (output, other) in enumerate(zip(outputs, block.drive([_mirror(i) for i in block.items]), strict=True)):
-        for name, wanted, got in zip(output._fields, _mirror(output), other, strict=True):
+    for k, (output, other) in enumerate(zip(outputs, block.drive([mirror(i) for i in block.items]), strict=True)):
+        for name, wanted, got in zip(output._fields, mirror(output), other, strict=True):
             same = np.allclose(got, wanted, rtol=1e-6, atol=1e-6, equal_nan=True)
-            _require(
-                same, f"{_who(owner)}, reading {k}: {name} of the mirrored drive is {got}, expected {wanted}: {advice}."
+            require(
+                same, f"{who(owner)}, reading {k}: {name} of the mirrored drive is {got}, expected {wanted}: {advice}."
             )
-
-
-def _mirror(thing: Any) -> Any:
-    """Left and right exchanged, in a reading, an estimate, a demand, or a tuple of them."""
-    wheels = [1, 0, 3, 2]
-    if isinstance(thing, Reading):
-        u, y = thing.inputs.copy(), thing.y.copy()
-        u[U_STEER] *= -1
-        u[1:] = u[1:].reshape(2, 4)[:, wheels].ravel()  # brake and drive torques
-        y[[Y_AY, Y_YAW_RATE]] *= -1
-        y[Y_WHEEL:] = y[Y_WHEEL:][wheels]
-        return Reading(thing.time, u, y)
-    if isinstance(thing, Estimate):
-        signs = np.array([1.0, -1.0, -1.0])
-        odd = {name: -getattr(thing, name) for name in ("vy", "yaw_rate", "ay", "roll", "roll_rate")}
-        return thing._replace(cov=thing.cov * np.outer(signs, signs), **odd)
-    if isinstance(thing, BrakeDemand):
-        return BrakeDemand(thing.added[wheels], thing.release[wheels])
-    return tuple(map(_mirror, thing))
 
 
 COMMON_CHECKS: tuple[Callable[..., None], ...] = (
@@ -305,29 +202,29 @@ def check_stands_still(estimator: Estimator, nominal: Nominal, readings: Sequenc
 
 
 def _stays_finite(estimator: Estimator, nominal: Nominal, readings: Sequence[Reading], when: str) -> None:
-    for k, estimate in enumerate(_Block(estimator, nominal, [readings]).drive()):
-        told = f"{_who(estimator)} {when}, after reading {k}: {estimate!s:.300}"
-        _require(isinstance(estimate, Estimate), f"{told}, expected an Estimate.")
+    for k, estimate in enumerate(Block(estimator, nominal, [readings]).drive()):
+        told = f"{who(estimator)} {when}, after reading {k}: {estimate!s:.300}"
+        require(isinstance(estimate, Estimate), f"{told}, expected an Estimate.")
         numbers = [value for name, value in estimate._asdict().items() if name != "cov"]
-        _require(all(np.ndim(value) == 0 for value in numbers), f"{told}, expected plain floats beside cov.")
+        require(all(np.ndim(value) == 0 for value in numbers), f"{told}, expected plain floats beside cov.")
         advice = "leave silent channels out, and divide by nothing that may be zero"
         finite = math.isfinite(estimate.vx) and math.isfinite(estimate.vy)
-        _require(finite, f"{told}, expected finite vx and vy: {advice}.")
-        _require(not any(math.isinf(v) for v in numbers), f"{told}, expected no infinity; unknown is NaN: {advice}.")
+        require(finite, f"{told}, expected finite vx and vy: {advice}.")
+        require(not any(math.isinf(v) for v in numbers), f"{told}, expected no infinity; unknown is NaN: {advice}.")
 
 
 def check_covariance(estimator: Estimator, nominal: Nominal, readings: Sequence[Reading]) -> None:
     """``cov`` is (3, 3) and, where it is not NaN, symmetric and positive semi-definite, to rounding (1e-9)."""
-    for k, estimate in enumerate(_Block(estimator, nominal, [readings]).drive()):
-        told = f"{_who(estimator)}, after reading {k}: cov of vx, vy, yaw_rate is {np.asarray(estimate.cov).tolist()}"
-        _require(np.shape(estimate.cov) == (3, 3), f"{told}, expected shape (3, 3), NaN where unknown.")
+    for k, estimate in enumerate(Block(estimator, nominal, [readings]).drive()):
+        told = f"{who(estimator)}, after reading {k}: cov of vx, vy, yaw_rate is {np.asarray(estimate.cov).tolist()}"
+        require(np.shape(estimate.cov) == (3, 3), f"{told}, expected shape (3, 3), NaN where unknown.")
         known = ~np.isnan(np.diag(estimate.cov))
         cov = estimate.cov[np.ix_(known, known)]
         small = 1e-9 * np.max(np.abs(cov), initial=0.0)
-        _require(bool(np.all(np.isfinite(cov))), f"{told}, expected finite numbers beside a finite variance.")
-        _require(bool(np.all(np.abs(cov - cov.T) <= small)), f"{told}, expected symmetry: hand out (P + P^T)/2.")
+        require(bool(np.all(np.isfinite(cov))), f"{told}, expected finite numbers beside a finite variance.")
+        require(bool(np.all(np.abs(cov - cov.T) <= small)), f"{told}, expected symmetry: hand out (P + P^T)/2.")
         lowest = np.min(np.linalg.eigvalsh(cov), initial=0.0)
-        _require(bool(lowest >= -small), f"{told}, expected no negative eigenvalue, not {lowest}: use Joseph's form.")
+        require(bool(lowest >= -small), f"{told}, expected no negative eigenvalue, not {lowest}: use Joseph's form.")
 
 
 ESTIMATOR_CHECKS: tuple[Callable[..., None], ...] = (
@@ -363,17 +260,17 @@ def check_answers_any_estimate(
 def _is_feasible(
     controller: Controller, nominal: Nominal, estimates: Sequence[Estimate], readings: Sequence[Reading]
 ) -> None:
-    for k, demand in enumerate(_Block(controller, nominal, [estimates, readings]).drive()):
-        told = f"{_who(controller)}, for vx, vy, yaw_rate, ax, ay = {estimates[k][:5]}: {demand}"
-        _require(isinstance(demand, BrakeDemand), f"{told}, expected a BrakeDemand.")
+    for k, demand in enumerate(Block(controller, nominal, [estimates, readings]).drive()):
+        told = f"{who(controller)}, for vx, vy, yaw_rate, ax, ay = {estimates[k][:5]}: {demand}"
+        require(isinstance(demand, BrakeDemand), f"{told}, expected a BrakeDemand.")
         for array in demand:
             shaped = isinstance(array, np.ndarray) and array.shape == (4,) and array.dtype == np.float64
-            _require(shaped, f"{told}, expected arrays of four floats.")
+            require(shaped, f"{told}, expected arrays of four floats.")
         caps = nominal.vehicle.brake_caps
         within = bool(np.all((demand.added >= 0) & (demand.added <= caps * (1 + 1e-12))))
-        _require(within, f"{told}, expected added between 0 and the caps {caps}: clip it.")
+        require(within, f"{told}, expected added between 0 and the caps {caps}: clip it.")
         within = bool(np.all((demand.release >= 0) & (demand.release <= 1)))
-        _require(within, f"{told}, expected release in [0, 1]: clip it.")
+        require(within, f"{told}, expected release in [0, 1]: clip it.")
 
 
 def check_leaves_straight_driving_alone(
@@ -385,9 +282,9 @@ def check_leaves_straight_driving_alone(
         y[Y_WHEEL:] = speed / nominal.vehicle.wheel_radius
         straight = [Reading(k * nominal.dt, np.zeros(9), y) for k in range(round(2 / nominal.dt))]
         seen = [Estimate(speed, 0.0, 0.0, 0.0, 0.0)] * len(straight)
-        for demand in _Block(controller, nominal, [seen, straight]).drive():
-            told = f"{_who(controller)} asks for {demand} going straight at {speed} m/s"
-            _require(not (demand.added.any() or demand.release.any()), f"{told}, expected nothing: add a dead band.")
+        for demand in Block(controller, nominal, [seen, straight]).drive():
+            told = f"{who(controller)} asks for {demand} going straight at {speed} m/s"
+            require(not (demand.added.any() or demand.release.any()), f"{told}, expected nothing: add a dead band.")
 
 
 CONTROLLER_CHECKS: tuple[Callable[..., None], ...] = (
