@@ -1,5 +1,6 @@
 """Kalman filters: tunings, and which rule of :mod:`vse_gym.inference.gaussian` they follow."""
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -54,9 +55,9 @@ class GaussianFilter(Estimator):
     model: SingleTrackTuning = field(default_factory=SingleTrackTuning)
 
     @property
+    @abstractmethod
     def rule(self) -> Any:
         """How a Gaussian passes through a function, one of the rules of ``inference.gaussian``."""
-        raise NotImplementedError
 
     def init(self, nominal: Nominal, rng: np.random.Generator) -> GaussianState:
         model = self.model.build(nominal)
