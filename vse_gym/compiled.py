@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import wraps
+from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -194,6 +195,7 @@ class Held(structref.StructRefProxy):  # type: ignore[misc]
     """Constants that compiled code has been handed already; made by :func:`hold`. Copies and pickles by value."""
 
     value: Any
+    _numba_type_ = property(attrgetter("_type"))  # what the base class gives too, but without a call of Python code
 
     def __reduce__(self) -> tuple[Any, ...]:
         return hold, (self.value,)

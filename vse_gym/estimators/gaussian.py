@@ -68,7 +68,8 @@ class GaussianFilter(Estimator):
 
     def update(self, state: GaussianState, reading: Reading, rng: np.random.Generator) -> GaussianState:
         constants, belief = state
-        return _state((constants, filter_update(constants, belief, reading.inputs, reading.y)))
+        _, u, y = reading
+        return _state((constants, filter_update(constants, belief, u, y)))
 
     def estimate(self, state: GaussianState) -> Estimate:
         vx, vy, yaw_rate, ax, ay, _, _ = state.output.tolist()
