@@ -15,7 +15,7 @@ from vse_gym.controllers.base import Controller, NoControl
 from vse_gym.controllers.esc import StabilityControl, follow_reference
 from vse_gym.controllers.observation import Encoder
 from vse_gym.estimators.base import Estimator
-from vse_gym.listener import KNOWN_COV
+from vse_gym.listener import true_estimate
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
@@ -156,8 +156,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
     def _observe(self, frame: Frame) -> NDArray[np.float32]:
         seen, steer, heard = _finite(frame.estimate), frame.reading.steer, self.simulation.heard
         if self.encoder.layout == "truth":
-            _, _, _, vx, vy, yaw_rate, *_, ax, ay = frame.truth.state.tolist()
-            seen, steer = _finite(Estimate(vx, vy, yaw_rate, ax, ay, KNOWN_COV)), self.simulation.steer
+            seen, steer = _finite(true_estimate(frame.truth.state)), self.simulation.steer
         elif self.encoder.layout == "reading":  # the reference too must come from readings alone
             seen = Estimate(self._geometry.wheel_radius * float(heard[Y_WHEEL:].mean()), ay=float(heard[Y_AY]))
         self._seen_reference = follow_reference(self._reference, *self._seen_reference, seen.vx, seen.ay, steer)

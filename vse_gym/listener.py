@@ -17,6 +17,12 @@ KNOWN_COV.flags.writeable = False
 WHERE = {"vx": p.VX, "vy": p.VY, "yaw_rate": p.YAW_RATE, "ax": p.AX, "ay": p.AY}
 
 
+def true_estimate(truth: Array) -> Estimate:
+    """What one would say who sees the plant's state (STATE_SIZE,)."""
+    _, _, _, vx, vy, yaw_rate, *_, ax, ay = truth.tolist()
+    return Estimate(vx, vy, yaw_rate, ax, ay, KNOWN_COV)
+
+
 class EstimatorError(Exception):
     """An estimator raised, or gave something that is no estimate; what it raised is the cause."""
 
@@ -47,8 +53,7 @@ class Listener:
             friction: The road's: for rows alone whose name says that they are told.
         """
         if self._whole:
-            _, _, _, vx, vy, yaw_rate, *_, ax, ay = truth.tolist()
-            return Estimate(vx, vy, yaw_rate, ax, ay, KNOWN_COV)
+            return true_estimate(truth)
         begin = perf_counter()
         try:
             estimate = self._ask(reading, friction)
@@ -57,13 +62,19 @@ class Listener:
         self.seconds = perf_counter() - begin
         if self._truth is not None:
             estimate = self._true_fields(self._truth, estimate, truth)
-        vx, vy, yaw_rate, ax, ay = estimate[:5]
+        _, _, yaw_rate, ax, ay = estimate[:5]
         if yaw_rate == yaw_rate and ax == ax and ay == ay:
             return estimate
         fill = {"yaw_rate": heard[Y_YAW_RATE], "ax": heard[Y_AX], "ay": heard[Y_AY]}
         missing: dict[str, Any] = {k: float(v) for k, v in fill.items() if getattr(estimate, k) != getattr(estimate, k)}
         self.filled = tuple(sorted({*self.filled, *missing}))
         return estimate._replace(**missing)
+
+    @property
+    def nis(self) -> float:
+        """NIS of the last update over its degrees of freedom; NaN where there is none."""
+        square, freedom = self.estimator.innovation(self.state)
+        return square / freedom if freedom > 0 else float("nan")
 
     def _ask(self, reading: Reading, friction: float) -> Estimate:
         estimator = self.estimator

@@ -29,6 +29,15 @@ class Errors(NamedTuple):
     effective_size: Array  # (T,)
 
 
+def sideslip_std(estimate: Array, cov: Array) -> Array:
+    """Standard deviation of sideslip to first order, (T,) [rad], from estimates (T, 5) and covs (T, 3, 3)."""
+    square = np.maximum(estimate[:, 0] ** 2 + estimate[:, 1] ** 2, 1e-12)
+    slope = np.stack([-estimate[:, 1] / square, estimate[:, 0] / square], axis=1)
+    variance = np.einsum("ti,tij,tj->t", slope, cov[:, :2, :2], slope)
+    std: Array = np.sqrt(np.maximum(variance, 0))
+    return std
+
+
 def errors(truth: Array, estimate: Array, cov: Array, nis: Array, effective_size: Array) -> Errors:
     """Errors of a drive from the plant's states (T, STATE_SIZE) and estimates (T, 5)."""
     true = truth[:, [p.VX, p.VY, p.YAW_RATE]]
@@ -37,10 +46,7 @@ def errors(truth: Array, estimate: Array, cov: Array, nis: Array, effective_size
     sideslip = np.arctan2(estimate[:, 1], estimate[:, 0]) - true_sideslip
     sideslip = (sideslip + np.pi) % (2 * np.pi) - np.pi
     sideslip = np.where(np.hypot(true[:, 0], true[:, 1]) > SLOW, sideslip, np.nan)
-    square = np.maximum(estimate[:, 0] ** 2 + estimate[:, 1] ** 2, 1e-12)
-    slope = np.stack([-estimate[:, 1] / square, estimate[:, 0] / square], axis=1)
-    variance = np.einsum("ti,tij,tj->t", slope, cov[:, :2, :2], slope)
-    return Errors(sideslip, motion, cov, np.sqrt(np.maximum(variance, 0)), nis, effective_size)
+    return Errors(sideslip, motion, cov, sideslip_std(estimate, cov), nis, effective_size)
 
 
 def _rms(x: Array) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vse_gym.controllers.esc import StabilityControl, follow_reference
+from vse_gym.metrics import sideslip_std
 from vse_gym.physics import parameters as p
 from vse_gym.simulation import Scenario
 from vse_gym.types import Log
@@ -84,11 +85,8 @@ def _path(axes: Any, log: Log, scenario: Scenario) -> None:
 
 def _sideslip(axes: Any, log: Log) -> None:
     deg = 180 / math.pi
-    vx, vy = log.estimate[:, 0], log.estimate[:, 1]
-    seen = np.arctan2(vy, vx)
-    square = np.maximum(vx**2 + vy**2, 1e-9)
-    slope = np.stack([-vy / square, vx / square], axis=1)
-    band = 1.96 * np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", slope, log.cov[:, :2, :2], slope), 0))
+    seen = np.arctan2(log.estimate[:, 1], log.estimate[:, 0])
+    band = 1.96 * sideslip_std(log.estimate, log.cov)
     axes.plot(log.time, deg * log.sideslip, color=TRUE, label="true")
     axes.plot(log.time, deg * seen, color=SEEN, lw=1, label="estimated")
     if np.isfinite(band).any():

@@ -44,8 +44,7 @@ def shadow(log: Log, estimator: Estimator, nominal: Nominal, seed: int) -> Trace
             said = listener.hear(reading, heard, log.truth[k], float(log.friction[k]))
             spent.append(listener.seconds)
             estimate[k], cov[k] = said[:5], said.cov
-            square, freedom = estimator.innovation(listener.state)
-            nis[k] = square / freedom if freedom > 0 else np.nan
+            nis[k] = listener.nis
             size[k] = estimator.effective_size(listener.state)
     except EstimatorError as error:  # a broken estimator is a row with its reason, not the end of a benchmark
         ended = str(error)

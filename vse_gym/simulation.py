@@ -184,8 +184,8 @@ class Simulation:
 
         Raises:
             RuntimeError: If the drive is over.
-        ValueError: If the demand or what the driver does is not four finite numbers each.
-        EstimatorError: If the estimator raises.
+            ValueError: If the demand or what the driver does is not four finite numbers each.
+            EstimatorError: If the estimator raises.
         """
         if self.done:
             raise RuntimeError(f"the drive is over ({self.ended or 'its time is up'}): call reset")
@@ -277,10 +277,8 @@ class _Book:
         self.estimate[k], self.cov[k] = frame.estimate[:5], frame.estimate.cov
         self.brake[k], self.added[k], self.release[k] = frame.brake, demand.added, demand.release
         listener = simulation.listener
-        square, freedom = listener.estimator.innovation(listener.state)
-        nis = square / freedom if freedom > 0 else math.nan
         control = simulation.time, simulation.hand_wheel, simulation.steer, simulation.friction
-        self.scalars[k] = (*control, nis, listener.seconds)
+        self.scalars[k] = (*control, listener.nis, listener.seconds)
         self.rows += 1
 
     def close(self, ended: str, filled: tuple[str, ...]) -> Log:

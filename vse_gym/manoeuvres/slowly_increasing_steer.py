@@ -24,6 +24,9 @@ def _angle_at_0_3g(hand_wheel: Array, ay: Array) -> float:
     return float((0.3 - offset) / slope)
 
 
+Hands = tuple[float, float, float]  # the driver's state: hand wheel [rad], control step [s], front share of the drive
+
+
 @dataclass(frozen=True)
 class SlowlyIncreasingSteer(Manoeuvre):
     """The hand wheel turns at 13.5 deg/s at a constant 80 km/h until the car corners at about 0.5 g."""
@@ -36,17 +39,16 @@ class SlowlyIncreasingSteer(Manoeuvre):
 
     positive: ClassVar[tuple[str, ...]] = ("stop", "grip")
 
-    def init(self, nominal: Nominal) -> tuple[float, Nominal]:
-        return 0.0, nominal
+    def init(self, nominal: Nominal) -> Hands:
+        return 0.0, nominal.dt, nominal.vehicle.front_drive
 
-    def drive(self, state: tuple[float, Nominal], time: float, car: Car) -> tuple[Driver, tuple[float, Nominal]]:
-        angle, nominal = state
+    def drive(self, state: Hands, time: float, car: Car) -> tuple[Driver, Hands]:
+        angle, dt, front = state
         if abs(car.ay) < self.stop and time >= self.begin:
-            angle += self.rate * nominal.dt
+            angle += self.rate * dt
         torque = max(0.0, self.grip * (self.speed - car.vx))
-        front = nominal.vehicle.front_drive
         drive = 0.5 * torque * np.array([front, front, 1 - front, 1 - front])
-        return Driver(angle, drive), (angle, nominal)
+        return Driver(angle, drive), (angle, dt, front)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """Reports A; passes if the car reached 0.375 g, so that the line has its data."""
@@ -68,20 +70,12 @@ def steer_at_0_3g(vehicle: p.Vehicle, friction: float = 0.9) -> float:
     """
     test = SlowlyIncreasingSteer(speed=80 * KMH, friction=friction)
     dt, substep = 0.01, 1e-3
-    state, memory = rolling_start(vehicle, test.speed), (0.0, _Bare(vehicle, dt))
+    road, state, memory = test.road(), rolling_start(vehicle, test.speed), (0.0, dt, vehicle.front_drive)
     angles, ay = [0.0], [0.0]
     for k in range(round(test.duration / dt)):
-        driver, memory = test.drive(memory, k * dt, Car(state))  # type: ignore[assignment, arg-type]
+        driver, memory = test.drive(memory, k * dt, Car(state))
         inputs = p.Inputs(driver.hand_wheel / vehicle.steering_ratio, driver.drive, np.zeros(4))
-        state = advance(vehicle, test.road(), state, inputs, round(dt / substep), substep)
+        state = advance(vehicle, road, state, inputs, round(dt / substep), substep)
         angles.append(driver.hand_wheel)
         ay.append(float(state[p.AY]))
     return _angle_at_0_3g(np.array(angles), np.array(ay))
-
-
-@dataclass(frozen=True)
-class _Bare:
-    """As much of a nominal as this driver reads."""
-
-    vehicle: p.Vehicle
-    dt: float
