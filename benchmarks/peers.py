@@ -26,7 +26,7 @@ from filterpy.monte_carlo import systematic_resample
 from vse_gym.compiled import compiled
 from vse_gym.inference.gaussian import _jacobian, _stencil
 from vse_gym.inference.model import advance, attend, heed, observe
-from vse_gym.models import BRAKING, SLOWEST
+from vse_gym.models.single_track import BRAKING, SLOWEST
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.physics.tyres import KNOT
 

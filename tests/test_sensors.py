@@ -111,7 +111,7 @@ def test_what_is_not_heavy_tailed_is_normal_with_the_sheets_sigma(sheet, alpha, 
 def test_a_bias_is_constant_and_only_on_accelerometers_and_gyro(seed):
     added = BIASED.record(100, DT, seed).added
     assert np.all(added == added[0])
-    np.testing.assert_array_equal(np.abs(added[0]), [0.3, 0.3, 0.005, 0, 0, 0, 0])
+    np.testing.assert_array_equal(np.abs(added[0]), [0.3, 0.3, 0.005, 0, 0, 0, 0, 0, 0, 0])
 
 
 def test_a_bias_has_either_sign_in_each_channel_on_its_own():
@@ -130,6 +130,8 @@ def test_silences_cover_the_share_of_time_that_their_rate_and_length_give(seed):
     expected = -np.expm1(-rate * (shortest + longest) / 2)
     assert silent.mean() == pytest.approx(expected, rel=0.05)
     assert silent.shape[1] == len(CHANNELS)
+    assert silent[:, 7:].all()  # not on board
+    silent = silent[:, :7]
     np.testing.assert_allclose(silent.mean(axis=0), expected, rtol=0.15)
 
 
@@ -226,7 +228,7 @@ def test_the_outlier_suite_has_a_burst_a_second_and_channel():
 def readings(record, state, inputs=None):
     """All readings of a record at one state, (steps, 9), (steps, 7) and what was last heard, (steps, 7)."""
     inputs = inputs or p.Inputs(0.0, np.zeros(4), np.zeros(4))
-    heard, rows = np.zeros(7), []
+    heard, rows = np.zeros(10), []
     for step in range(len(record.added)):
         u, y, heard = read_sensors(record, step, state, inputs, heard)
         rows.append((u, y, heard))
@@ -234,7 +236,7 @@ def readings(record, state, inputs=None):
 
 
 STATE = 0.1 * np.arange(1.0, p.STATE_SIZE + 1)  # within every range
-TRUE_Y = np.concatenate((STATE[[p.AX, p.AY, p.YAW_RATE]], STATE[p.WHEEL_SPEEDS]))
+TRUE_Y = np.concatenate((STATE[[p.AX, p.AY, p.YAW_RATE]], STATE[p.WHEEL_SPEEDS]))  # of what is on board
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -249,15 +251,15 @@ def test_readings_stop_at_the_sensors_range(seed):
 def test_clean_readings_are_the_truth():
     inputs = p.Inputs(0.03, np.array([1.0, 2.0, 3.0, 4.0]), np.array([5.0, 6.0, 7.0, 8.0]))
     u, y, heard = readings(suite("clean").record(50, DT, 0), STATE, inputs)
-    assert np.all(y == TRUE_Y)
-    assert np.all(heard == TRUE_Y)
+    assert np.all(y[:, :7] == TRUE_Y) and np.isnan(y[:, 7:]).all()
+    assert np.all(heard[:, :7] == TRUE_Y) and not heard[:, 7:].any()
     assert np.all(u == [0.03, *inputs.brake, *inputs.drive])
 
 
 def test_a_clean_drive_reads_what_happened():
     log = rollout(scenario("held_steer", sensors="clean", duration=1.0), "zero", "esc", 0)
     true = np.column_stack((log.truth[:, [p.AX, p.AY, p.YAW_RATE]], log.truth[:, p.WHEEL_SPEEDS]))
-    np.testing.assert_array_equal(log.readings, true)
+    np.testing.assert_array_equal(log.readings[:, :7], true)
     np.testing.assert_array_equal(log.inputs[:, 0], log.steer)
     np.testing.assert_array_equal(log.inputs[:, 1:5], log.brake)
 
@@ -266,7 +268,7 @@ def test_a_silent_channel_says_nothing_and_its_last_word_is_kept():
     record = Sensors(silence_rate=3.0).record(3000, DT, 0)
     _, y, heard = readings(record, STATE)
     np.testing.assert_array_equal(np.isnan(y), record.silent)
-    spoken = np.where(record.silent, 0.0, TRUE_Y + record.added)
+    spoken = np.where(record.silent, 0.0, np.append(TRUE_Y, np.zeros(3)) + record.added)
     last = np.maximum.accumulate(np.where(record.silent, -1, np.arange(3000)[:, None]), axis=0)
     expected = np.where(last < 0, 0.0, np.take_along_axis(spoken, np.maximum(last, 0), axis=0))
     np.testing.assert_array_equal(heard, expected)
@@ -290,7 +292,7 @@ def test_another_seed_gives_other_noise(name):
 def test_what_goes_wrong_does_not_change_the_noise_beneath():
     plain, silenced, rough = (suite(name).record(1000, DT, 5) for name in ("gaussian", "dropout", "outliers"))
     np.testing.assert_array_equal(plain.added, silenced.added)
-    difference = np.abs(rough.added - plain.added) / [8.0, 8.0, 30 * DEG, 1, 1, 1, 1]
+    difference = np.abs(rough.added - plain.added) / [8.0, 8.0, 30 * DEG, *7 * [1]]
     np.testing.assert_allclose(difference, np.rint(difference), atol=1e-12)  # nothing, or one whole burst
     assert set(np.rint(difference[:, IMU]).ravel()) == {0.0, 1.0}
     assert not difference[:, 3:].any()

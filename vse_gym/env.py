@@ -21,7 +21,7 @@ from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.sensors import Sensors
 from vse_gym.simulation import Frame, Simulation, scenario
-from vse_gym.types import NO_BRAKE, SLOW, Y_AY, Y_WHEEL, Array, BrakeDemand, Estimate
+from vse_gym.types import NO_BRAKE, SLOW, WHEELS, Y_AY, Array, BrakeDemand, Estimate
 
 ACTIONS = {"brakes": 4, "yaw_moment": 1}
 # The reward's weights, and the size of each error at which its term is full
@@ -158,14 +158,14 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         if self.encoder.layout == "truth":
             seen, steer = _finite(true_estimate(frame.truth.state)), self.simulation.steer
         elif self.encoder.layout == "reading":  # the reference too must come from readings alone
-            seen = Estimate(self._geometry.wheel_radius * float(heard[Y_WHEEL:].mean()), ay=float(heard[Y_AY]))
+            seen = Estimate(self._geometry.wheel_radius * float(heard[WHEELS].mean()), ay=float(heard[Y_AY]))
         self._seen_reference = follow_reference(self._reference, *self._seen_reference, seen.vx, seen.ay, steer)
         return self.encoder.encode(seen, steer, frame.reading, heard, self._seen_reference[0])
 
     def _reward(self, frame: Frame, demand: BrakeDemand) -> float:
-        _, _, _, vx, vy, yaw_rate, *_, ay = frame.truth.state.tolist()
+        _, _, _, vx, vy, yaw_rate, *_ = state = frame.truth.state.tolist()
         steer = self.simulation.steer
-        self._true_reference = follow_reference(self._reference, *self._true_reference, vx, ay, steer)
+        self._true_reference = follow_reference(self._reference, *self._true_reference, vx, state[p.AY], steer)
         start = self.scenario.manoeuvre.speed
         cost = (
             SIDESLIP * min(1.0, abs(math.atan2(vy, max(vx, 1.0))) / FULL_SIDESLIP)
@@ -176,7 +176,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         return 1 - 2 * cost if math.isfinite(cost) else -1.0
 
     def _info(self, frame: Frame) -> dict[str, Any]:
-        x, y, yaw, vx, vy, yaw_rate, *_, ax, ay = frame.truth.state.tolist()
+        x, y, yaw, vx, vy, yaw_rate, *_ = state = frame.truth.state.tolist()
         estimate = frame.estimate
         sideslip, guess, spread = frame.truth.sideslip, estimate.sideslip, estimate.cov.diagonal()
         return {
@@ -187,8 +187,8 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
                 "vx": vx,
                 "vy": vy,
                 "yaw_rate": yaw_rate,
-                "ax": ax,
-                "ay": ay,
+                "ax": state[p.AX],
+                "ay": state[p.AY],
                 "sideslip": sideslip,
             },
             "reading": {

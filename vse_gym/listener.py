@@ -19,7 +19,8 @@ WHERE = {"vx": p.VX, "vy": p.VY, "yaw_rate": p.YAW_RATE, "ax": p.AX, "ay": p.AY}
 
 def true_estimate(truth: Array) -> Estimate:
     """What one would say who sees the plant's state (STATE_SIZE,)."""
-    _, _, _, vx, vy, yaw_rate, *_, ax, ay = truth.tolist()
+    vx, vy, yaw_rate = truth[p.VX : p.YAW_RATE + 1].tolist()
+    ax, ay = truth[p.AX : p.AY + 1].tolist()
     return Estimate(vx, vy, yaw_rate, ax, ay, KNOWN_COV)
 
 
@@ -48,7 +49,7 @@ class Listener:
 
         Args:
             reading: The new reading; all that an ordinary estimator is given.
-            heard: Last valid value of each channel, (7,): fills what the estimator has no opinion of.
+            heard: Last valid value of each channel, (10,): fills what the estimator has no opinion of.
             truth: The plant's state, (STATE_SIZE,): for the marker class ``Truth`` alone.
             friction: The road's: for rows alone whose name says that they are told.
         """

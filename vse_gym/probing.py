@@ -11,7 +11,17 @@ import numpy as np
 from vse_gym.controllers.base import Controller
 from vse_gym.estimators.base import Estimator
 from vse_gym.models import Nominal
-from vse_gym.types import U_STEER, Y_AY, Y_WHEEL, Y_YAW_RATE, BrakeDemand, Estimate, Reading
+from vse_gym.types import (
+    U_STEER,
+    WHEELS,
+    Y_AY,
+    Y_ROLL_RATE,
+    Y_SIDESLIP,
+    Y_YAW_RATE,
+    BrakeDemand,
+    Estimate,
+    Reading,
+)
 
 
 class Block:
@@ -109,8 +119,8 @@ def mirror(thing: Any) -> Any:
         u, y = thing.inputs.copy(), thing.y.copy()
         u[U_STEER] *= -1
         u[1:] = u[1:].reshape(2, 4)[:, wheels].ravel()  # brake and drive torques
-        y[[Y_AY, Y_YAW_RATE]] *= -1
-        y[Y_WHEEL:] = y[Y_WHEEL:][wheels]
+        y[[Y_AY, Y_YAW_RATE, Y_SIDESLIP, Y_ROLL_RATE]] *= -1
+        y[WHEELS] = y[WHEELS][wheels]
         return Reading(thing.time, u, y)
     if isinstance(thing, Estimate):
         signs = np.array([1.0, -1.0, -1.0])

@@ -8,7 +8,7 @@ from vse_gym.estimators.base import Estimator
 from vse_gym.listener import EstimatorError, Listener
 from vse_gym.models import Nominal
 from vse_gym.sensors import stream
-from vse_gym.types import Array, Log, Reading
+from vse_gym.types import CHANNELS, Array, Log, Reading
 
 
 class Trace(NamedTuple):
@@ -34,7 +34,7 @@ def shadow(log: Log, estimator: Estimator, nominal: Nominal, seed: int) -> Trace
     rows = len(log.time)
     estimate, cov = np.full((rows, 5), np.nan), np.full((rows, 3, 3), np.nan)
     nis, size = np.full(rows, np.nan), np.full(rows, np.nan)
-    heard, ended = np.zeros(7), ""
+    heard, ended = np.zeros(len(CHANNELS)), ""
     spent: list[float] = []
     try:
         listener = Listener(estimator, nominal, stream(seed, "estimator"))

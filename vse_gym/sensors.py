@@ -5,6 +5,7 @@ estimator does, at one seed it meets the same draws, silences and bursts as its 
 """
 
 import hashlib
+import math
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -14,12 +15,13 @@ from vse_gym.compiled import compiled
 from vse_gym.models import DataSheet
 from vse_gym.physics import parameters as p
 from vse_gym.registry import UnknownNameError
-from vse_gym.types import CHANNELS, U_BRAKE, U_DRIVE, U_STEER, Array
+from vse_gym.types import CHANNELS, U_BRAKE, U_DRIVE, U_STEER, Y_SIDESLIP, Y_SPEED, Y_WHEEL, Array
 
 DEG = np.pi / 180
 QUIET = DataSheet(acceleration=0.05, yaw_rate=0.1 * DEG, wheel_speed=0.03, steer=0.02 * DEG, brake=0.02)
 LOUD = DataSheet(acceleration=0.3, yaw_rate=1.0 * DEG, wheel_speed=0.1, steer=0.02 * DEG, brake=0.02)
-TRUTH_OF = (p.AX, p.AY, p.YAW_RATE, *range(p.WHEEL, p.WHEEL + 4))  # where each channel lies in the state
+INERTIAL = (p.AX, p.AY, p.YAW_RATE)  # where the first channels lie in the state
+FITTED = 7  # channels that every car has
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
@@ -95,7 +97,8 @@ class Sensors:
         wrong = [name for name in ("acceleration_range", "yaw_rate_range") if not getattr(self, name) > 0]
         if wrong:
             raise ValueError(f"{wrong[0]} must be positive, not {getattr(self, wrong[0])}")
-        numbers = {f"sheet.{name}": value for name, value in self.sheet._asdict().items()}
+        sheet = self.sheet._asdict().items()
+        numbers = {f"sheet.{k}": v for k, v in sheet if not (k in DataSheet._field_defaults and np.isnan(v))}
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, tuple) and not isinstance(value, DataSheet):
@@ -116,8 +119,12 @@ class Sensors:
         sigma = np.array([sheet.acceleration] * 2 + [sheet.yaw_rate] + [sheet.wheel_speed] * 4)
         imu = np.array([self.acceleration_bias] * 2 + [self.yaw_rate_bias])
         shock = np.array([self.acceleration_burst] * 2 + [self.yaw_rate_burst])
-        channels = len(CHANNELS)
-        added = stream(seed, "sensors/noise").standard_normal((steps, channels)) * sigma
+        optional = np.array([sheet.speed, sheet.sideslip, sheet.roll_rate])
+        aboard = np.isfinite(optional)
+        added = np.zeros((steps, len(CHANNELS)))
+        added[:, :FITTED] = stream(seed, "sensors/noise").standard_normal((steps, FITTED)) * sigma
+        extra = stream(seed, "sensors/optional").standard_normal((steps, 3))
+        added[:, FITTED:] = extra * np.where(aboard, optional, 0.0)
         if self.alpha < 2:
             unit = cauchy_gaussian(self.alpha, 1 / np.sqrt(2), (steps, 3), stream(seed, "sensors/tails"))
             added[:, :3] = unit * sigma[:3]
@@ -127,20 +134,34 @@ class Sensors:
         bursts = episodes(self.burst_rate, *self.burst, steps, 3, dt, stream(seed, "sensors/bursts"))
         added[:, :3] += bursts * shock
         inputs = stream(seed, "sensors/inputs").standard_normal((steps, 5)) * float(self.noise)
-        silent = episodes(self.silence_rate, *self.silence, steps, channels, dt, stream(seed, "sensors/silence")) != 0
-        limits = np.array([self.acceleration_range] * 2 + [self.yaw_rate_range] + [np.inf] * 4)
+        silent = np.zeros((steps, len(CHANNELS)), dtype=bool)
+        silence = episodes(self.silence_rate, *self.silence, steps, FITTED, dt, stream(seed, "sensors/silence"))
+        silent[:, :FITTED], silent[:, FITTED:] = silence != 0, ~aboard
+        limits = np.array([self.acceleration_range] * 2 + [self.yaw_rate_range] + [np.inf] * 7)
         return NoiseRecord(added, silent, inputs[:, 0] * sheet.steer, inputs[:, 1:] * sheet.brake, limits, dt)
 
 
 class NoiseRecord(NamedTuple):
     """What happens to the readings of one run."""
 
-    added: Array  # (steps, 7)
-    silent: Array  # (steps, 7), true where a sensor says nothing
+    added: Array  # (steps, 10)
+    silent: Array  # (steps, 10), true where a sensor says nothing
     steer: Array  # added to the road-wheel angle, (steps,) [rad]
     brake: Array  # relative error of each brake torque, (steps, 4) [-]
-    limits: Array  # range of each channel, (7,)
+    limits: Array  # range of each channel, (10,)
     dt: float
+
+
+@compiled
+def _true_value(state, channel):
+    """What a perfect sensor would read."""
+    if channel < Y_WHEEL:
+        return state[INERTIAL[channel]]
+    if channel < Y_SPEED:
+        return state[p.WHEEL + channel - Y_WHEEL]
+    if channel == Y_SPEED:
+        return math.sqrt(state[p.VX] ** 2 + state[p.VY] ** 2)
+    return math.atan2(state[p.VY], state[p.VX]) if channel == Y_SIDESLIP else state[p.ROLL_RATE]
 
 
 @compiled
@@ -148,11 +169,11 @@ def read_sensors(record, step, state, inputs, heard):
     """The reading at a step, of the plant's state and of the inputs that were held until then.
 
     Returns:
-        u (9,) and y (7,) as :class:`Reading` has them; the last valid value of each channel, (7,).
+        u (9,) and y (10,) as :class:`Reading` has them; the last valid value of each channel, (10,).
     """
-    u, y, heard = np.empty(9), np.empty(7), heard.copy()
-    for i in range(7):
-        value = state[TRUTH_OF[i]] + record.added[step, i]
+    u, y, heard = np.empty(9), np.empty(10), heard.copy()
+    for i in range(10):
+        value = _true_value(state, i) + record.added[step, i]
         value = min(record.limits[i], max(-record.limits[i], value))
         y[i] = np.nan if record.silent[step, i] else value
         if not record.silent[step, i]:

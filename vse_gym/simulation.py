@@ -18,7 +18,7 @@ from vse_gym.physics import parameters as p
 from vse_gym.physics.brakes import BrakeUnit, brake_torques, released_brakes
 from vse_gym.physics.double_track import advance, advance_reference, road_friction, rolling_start
 from vse_gym.sensors import NoiseRecord, Sensors, read_sensors, stream, suite
-from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Car, Estimate, Log, Reading
+from vse_gym.types import CHANNELS, NO_BRAKE, NO_TORQUE, WHEELS, Array, BrakeDemand, Car, Estimate, Log, Reading
 from vse_gym.vehicles import load
 
 SPIN = math.radians(80)  # sideslip beyond which a drive is over
@@ -82,23 +82,23 @@ def next_row(constants, runge_kutta, substeps, h, memory, state, heard, steer, h
         h: [s].
         memory: Of the brake unit, (1 + delay steps, 4).
         state: Of the plant, (STATE_SIZE,).
-        heard: Last valid value of each channel, (7,).
+        heard: Last valid value of each channel, (10,).
         steer: Road-wheel angle [rad].
         held: The driver's drive and brake torques, what is added and released, (4, 4).
         velocity: Estimated vx, vy, yaw rate.
         k: Step of the reading.
 
     Returns:
-        memory, state, u (9,), y (7,), heard, as they are at step k.
+        memory, state, u (9,), y (10,), heard, as they are at step k.
     """
     unit, geometry, vehicle, road, record = constants.value
     memory = brake_torques(unit, geometry, memory, held[1], held[2], held[3], heard, velocity, steer, substeps * h)
-    inputs = p.Inputs(steer, held[0], memory[0])
+    inputs = p.Inputs(steer + vehicle.steering_offset, held[0], memory[0])
     if runge_kutta:
         state = advance_reference(vehicle, road, state, inputs, substeps, h)
     else:
         state = advance(vehicle, road, state, inputs, substeps, h)
-    u, y, heard = read_sensors(record, k, state, inputs, heard)
+    u, y, heard = read_sensors(record, k, state, p.Inputs(steer, held[0], memory[0]), heard)
     return memory, state, u, y, heard
 
 
@@ -160,7 +160,8 @@ class Simulation:
         self._unit = released_brakes(s.brake_unit, s.dt)
         self.hand_wheel, self.steer = 0.0, 0.0
         rest = p.Inputs(0.0, NO_TORQUE, NO_TORQUE)
-        silent = np.concatenate((np.zeros(3), self.state[p.WHEEL_SPEEDS]))  # a sensor unheard of is no locked wheel
+        silent = np.zeros(len(CHANNELS))
+        silent[WHEELS] = self.state[p.WHEEL_SPEEDS]  # a sensor unheard of is no locked wheel
         u, y, self.heard = read_sensors(self.record, 0, self.state, rest, silent)
         return self._sense(Reading(0.0, u, y))
 
@@ -265,7 +266,7 @@ class _Book:
     def __init__(self, rows: int):
         self.rows = 0
         self.truth = np.empty((rows, p.STATE_SIZE))
-        self.inputs, self.readings = np.empty((rows, 9)), np.empty((rows, 7))
+        self.inputs, self.readings = np.empty((rows, 9)), np.empty((rows, len(CHANNELS)))
         self.estimate, self.cov = np.empty((rows, 5)), np.empty((rows, 3, 3))
         self.brake, self.added, self.release = np.empty((rows, 4)), np.empty((rows, 4)), np.empty((rows, 4))
         self.scalars = np.empty((rows, 6))  # time, hand wheel, steer, friction, NIS, seconds

@@ -30,9 +30,9 @@ from vse_gym.simulation import Simulation, scenario
 from vse_gym.types import (
     CHANNELS,
     U_BRAKE,
+    WHEELS,
     Y_AX,
     Y_AY,
-    Y_WHEEL,
     Y_YAW_RATE,
     BrakeDemand,
     Estimate,
@@ -188,7 +188,7 @@ def check_survives_outliers(estimator: Estimator, nominal: Nominal, readings: Se
     for k in (middle // 2, *range(middle, middle + length)):
         sign = 1.0 if k // 10 % 2 == 0 else -1.0
         wild[k].y[[Y_AX, Y_AY, Y_YAW_RATE]] = -20.0 * sign, 20.0 * sign, math.radians(100) * sign
-        wild[k].y[Y_WHEEL:] = 0.0
+        wild[k].y[WHEELS] = 0.0
         wild[k].inputs[U_BRAKE : U_BRAKE + 4] = nominal.vehicle.brake_caps
     _stays_finite(estimator, nominal, wild, "after wild outliers")
 
@@ -279,7 +279,7 @@ def check_leaves_straight_driving_alone(
     """Going straight at any speed, undisturbed, nothing is braked and nothing released."""
     for speed in (0.0, 1.0, 10.0, nominal.speed, 60.0):
         y = np.zeros(len(CHANNELS))
-        y[Y_WHEEL:] = speed / nominal.vehicle.wheel_radius
+        y[WHEELS] = speed / nominal.vehicle.wheel_radius
         straight = [Reading(k * nominal.dt, np.zeros(9), y) for k in range(round(2 / nominal.dt))]
         seen = [Estimate(speed, 0.0, 0.0, 0.0, 0.0)] * len(straight)
         for demand in Block(controller, nominal, [seen, straight]).drive():

@@ -106,8 +106,12 @@ class Car(NamedTuple):
 
 
 # Channels of Reading.y and of Reading.inputs
-Y_AX, Y_AY, Y_YAW_RATE, Y_WHEEL = 0, 1, 2, 3
-CHANNELS = ("ax", "ay", "yaw_rate", "wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr")
+Y_AX, Y_AY, Y_YAW_RATE, Y_WHEEL, Y_SPEED, Y_SIDESLIP, Y_ROLL_RATE = 0, 1, 2, 3, 7, 8, 9
+WHEELS = slice(Y_WHEEL, Y_WHEEL + 4)
+CHANNELS = (
+    *("ax", "ay", "yaw_rate", "wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr"),
+    *("speed", "sideslip", "roll_rate"),  # no production car has these; silent unless a sensor set switches them on
+)
 U_STEER, U_BRAKE, U_DRIVE = 0, 1, 5
 INPUT_CHANNELS = ("steer", *(f"{kind}_{w}" for kind in ("brake", "drive") for w in ("fl", "fr", "rl", "rr")))
 
@@ -117,7 +121,7 @@ class Reading(NamedTuple):
 
     time: float  # [s]
     inputs: Array  # held since the last reading: steer [rad], brake (4) and drive (4) torques [N m]; (9,)
-    y: Array  # ax, ay [m/s2], yaw rate [rad/s], wheel speeds (4) [rad/s]; NaN where a sensor stayed silent; (7,)
+    y: Array  # as CHANNELS, SI; NaN where a sensor stayed silent or is not on board; (10,)
 
     @property
     def steer(self) -> float:
@@ -152,7 +156,22 @@ class Reading(NamedTuple):
     @property
     def wheel_speeds(self) -> Array:
         """(4,) [rad/s]."""
-        return self.y[Y_WHEEL : Y_WHEEL + 4]
+        return self.y[WHEELS]
+
+    @property
+    def speed(self) -> float:
+        """Optical sensor: speed over ground at the centre of gravity [m/s]."""
+        return float(self.y[Y_SPEED])
+
+    @property
+    def sideslip(self) -> float:
+        """Optical sensor: sideslip angle at the centre of gravity [rad]."""
+        return float(self.y[Y_SIDESLIP])
+
+    @property
+    def roll_rate(self) -> float:
+        """[rad/s]."""
+        return float(self.y[Y_ROLL_RATE])
 
 
 class Estimate(NamedTuple):
@@ -208,7 +227,7 @@ class Log(NamedTuple):
     hand_wheel: Array  # (T,) [rad]
     steer: Array  # road-wheel angle that the driver set, (T,) [rad]
     inputs: Array  # of the readings, (T, 9)
-    readings: Array  # (T, 7), NaN where silent
+    readings: Array  # (T, 10), NaN where silent
     estimate: Array  # vx, vy, yaw rate, ax, ay as the controller saw them, (T, 5)
     cov: Array  # of vx, vy, yaw rate, (T, 3, 3); NaN where not given
     brake: Array  # brake torques that acted, (T, 4) [N m]

@@ -42,7 +42,9 @@ every_integrator = pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda
 
 
 def with_linear_tyres(vehicle):
-    front, rear = (p.LinearTyre(t.slip_stiffness, t.cornering_stiffness) for t in vehicle[-2:])
+    front, rear = (
+        p.LinearTyre(t.slip_stiffness, t.cornering_stiffness) for t in (vehicle.front_tyre, vehicle.rear_tyre)
+    )
     return vehicle._replace(front_tyre=front, rear_tyre=rear)
 
 
@@ -435,7 +437,10 @@ def test_locked_wheels_hold_the_car_on_stiffer_tyres_too(car):
     # Four tyres of Cs/v0 on one car: a step of 1 ms that left the car's own speed out would diverge here, because
     # 4 Cs h/(v0 m) = 2.5 > 2.
     vehicle = load(car)
-    front, rear = (tyre._replace(slip_stiffness=0.5 * 2.5 * vehicle.mass / 4 / 1e-3) for tyre in vehicle[-2:])
+    front, rear = (
+        tyre._replace(slip_stiffness=0.5 * 2.5 * vehicle.mass / 4 / 1e-3)
+        for tyre in (vehicle.front_tyre, vehicle.rear_tyre)
+    )
     stiff = vehicle._replace(front_tyre=front, rear_tyre=rear)
     inputs = p.Inputs(0.0, NOTHING, np.full(4, 3000.0))
     speed = watch(stiff, p.road((0.0, 0.9)), rolling_start(stiff, 5.0), inputs, 1000)[:, p.VX]

@@ -32,7 +32,7 @@ MOTION = (
     Feature("yaw_rate_std", 0, 1),
 )
 COMMAND = (Feature("steer", -1, 1), Feature("reference_yaw_rate", -2, 2))
-_RANGES = (25.0, 25.0, 6.0, 300.0, 300.0, 300.0, 300.0)
+_RANGES = (25.0, 25.0, 6.0, 300.0, 300.0, 300.0, 300.0, 80.0, np.pi, 5.0)
 HELD = tuple(Feature(name, -r, r) for name, r in zip(CHANNELS, _RANGES, strict=True))
 VALID = tuple(Feature(f"{name}_valid", 0, 1) for name in CHANNELS)
 
@@ -66,7 +66,7 @@ class Encoder:
             estimate: What is believed of the car; for the layout "truth", what is so.
             steer: Road-wheel angle [rad].
             reading: The newest one.
-            heard: Last valid value of each channel, (7,).
+            heard: Last valid value of each channel, (10,).
             reference: Yaw rate that the driver is taken to want [rad/s].
         """
         command = [steer, reference]

@@ -46,7 +46,7 @@ def brake_torques(unit, geometry, memory, driver, added, release, heard, velocit
         driver: Brake torques that the driver asks for, (4,) [N m].
         added: What the stability control adds, (4,) [N m]; taken between 0 and the caps.
         release: Share of the driver's torque to let go, (4,), taken between 0 and 1.
-        heard: Readings as last heard, (7,); the last four are the wheel speeds [rad/s].
+        heard: Readings as last heard, (10,); from the fourth on the wheel speeds [rad/s].
         velocity: Estimated vx, vy, yaw rate [m/s, m/s, rad/s].
         steer: Road-wheel angle [rad].
         dt: Control step [s].

@@ -20,6 +20,8 @@ from vse_gym.physics.parameters import (
     BRAKE_WORK,
     DISTANCE,
     GRAVITY,
+    LAG_X,
+    LAG_Y,
     LOAD_AX,
     LOAD_AY,
     STATE_SIZE,
@@ -34,11 +36,11 @@ from vse_gym.physics.parameters import (
 from vse_gym.physics.tyres import tyre_force
 
 SPEED_FLOOR = 0.5  # slip is taken relative to at least this speed [m/s]
-DERIVATIVES = 14  # how many states have a derivative: all but the outputs
+DERIVATIVES = 22  # how many states have a derivative: all but the outputs
 
 # Columns of the scratch table of one force evaluation, a row per wheel.
-FX, FY, MZ, STIFFNESS, LOAD, ARM_X, ARM_Y, COS, SIN, SLIP = range(10)
-CONTACT = 10
+FX, FY, MZ, STIFFNESS, LOAD, ARM_X, ARM_Y, COS, SIN, SLIP, RADIUS = range(11)
+CONTACT = 11
 
 
 @compiled
@@ -101,7 +103,8 @@ def contact(vehicle, road, x, steer, wheels):
         along, across = x[VX] - x[YAW_RATE] * py, x[VY] + x[YAW_RATE] * px
         v = along * c + across * s
         base = 1.0 / max(abs(v), SPEED_FLOOR)
-        kappa = (vehicle.wheel_radius * x[WHEEL + i] - v) * base
+        radius = vehicle.wheel_radius * (1 + vehicle.radius_error[i])
+        kappa = (radius * x[WHEEL + i] - v) * base
         tan_alpha = (along * s - across * c) * base
         load = wheel_load(vehicle, i, x[LOAD_AX], x[LOAD_AY], gravity)
         under = segment(road, x[DISTANCE] + px)
@@ -111,7 +114,7 @@ def contact(vehicle, road, x, steer, wheels):
         else:
             fx, fy, mz, slope = tyre_force(vehicle.rear_tyre, kappa, tan_alpha, load, friction)
         wheels[i, FX], wheels[i, FY], wheels[i, MZ], wheels[i, STIFFNESS] = fx, fy, mz, slope * base
-        wheels[i, SLIP] = vehicle.wheel_radius * x[WHEEL + i] - v
+        wheels[i, SLIP], wheels[i, RADIUS] = radius * x[WHEEL + i] - v, radius
         wheels[i, LOAD], wheels[i, ARM_X], wheels[i, ARM_Y], wheels[i, COS], wheels[i, SIN] = load, px, py, c, s
 
 
@@ -180,10 +183,11 @@ def derivative(vehicle, road, x, inputs, direction, wheels, dx):
     dx[DISTANCE] = math.sqrt(x[VX] ** 2 + x[VY] ** 2)
     dx[BRAKE_WORK] = 0.0
     for i in range(4):
-        torque = inputs.drive[i] - direction[i] * inputs.brake[i] - vehicle.wheel_radius * wheels[i, FX]
+        torque = inputs.drive[i] - direction[i] * inputs.brake[i] - wheels[i, RADIUS] * wheels[i, FX]
         held = direction[i] == 0.0 and inputs.brake[i] > 0
         dx[WHEEL + i] = 0.0 if held else torque / vehicle.wheel_inertia
         dx[BRAKE_WORK] += inputs.brake[i] * direction[i] * x[WHEEL + i]
+        dx[LAG_X + i] = dx[LAG_Y + i] = 0.0
 
 
 @compiled
@@ -198,7 +202,7 @@ def advance_reference(vehicle, road, state, inputs, steps, h):
     for _ in range(steps):
         contact(vehicle, road, x, inputs.steer, wheels)
         for i in range(4):
-            net = inputs.drive[i] - vehicle.wheel_radius * wheels[i, FX]
+            net = inputs.drive[i] - wheels[i, RADIUS] * wheels[i, FX]
             direction[i] = brake_direction(x[WHEEL + i], net, inputs.brake[i])
         start[:] = x
         total[:] = 0.0
@@ -238,10 +242,10 @@ def _settle_wheels(vehicle, x, inputs, h, ax, ay, yaw_acceleration, wheels):
     FX'. A wheel's own reaction on the car's speed counts four times, as if all wheels did alike. Wheel and car feel
     the same FX', so momentum is kept exactly.
     """
-    radius, inertia = vehicle.wheel_radius, vehicle.wheel_inertia
+    inertia = vehicle.wheel_inertia
     dvx, dvy = ax + x[VY] * x[YAW_RATE], ay - x[VX] * x[YAW_RATE]
     for i in range(4):
-        c, s = wheels[i, COS], wheels[i, SIN]
+        c, s, radius = wheels[i, COS], wheels[i, SIN], wheels[i, RADIUS]
         dv = (dvx - yaw_acceleration * wheels[i, ARM_Y]) * c + (dvy + yaw_acceleration * wheels[i, ARM_X]) * s
         force, stiffness, speed = wheels[i, FX], wheels[i, STIFFNESS], x[WHEEL + i]
         drive, brake = inputs.drive[i], inputs.brake[i]
@@ -298,5 +302,6 @@ def rolling_start(vehicle, speed: float):
     """The state of a car that rolls straight ahead at a speed [m/s] from the origin, (STATE_SIZE,)."""
     x = np.zeros(STATE_SIZE)
     x[VX] = speed
-    x[WHEEL : WHEEL + 4] = speed / vehicle.wheel_radius
+    for i in range(4):
+        x[WHEEL + i] = speed / (vehicle.wheel_radius * (1 + vehicle.radius_error[i]))
     return x

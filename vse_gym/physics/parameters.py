@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 GRAVITY = 9.81  # m/s2
 
-# The plant's state, one float array of STATE_SIZE. The last three are outputs of the step that led here.
+# The plant's state, one float array of STATE_SIZE. The last four are outputs of the step that led here.
 X, Y, YAW = 0, 1, 2  # position of the centre of gravity [m] and heading [rad], earth-fixed
 VX, VY, YAW_RATE = 3, 4, 5  # velocity of the centre of gravity in body axes [m/s], [rad/s]
 WHEEL_SPEEDS = slice(6, 10)  # [rad/s]
@@ -18,8 +18,10 @@ WHEEL = 6  # index of the first wheel speed
 LOAD_AX, LOAD_AY = 10, 11  # specific force that the load transfer has followed so far [m/s2]
 DISTANCE = 12  # path length travelled [m]
 BRAKE_WORK = 13  # heat in the brakes so far [J]
-AX, AY = 14, 15  # specific force at the centre of gravity (what an accelerometer there feels) [m/s2]
-STATE_SIZE = 16
+LAG_X, LAG_Y = 14, 18  # indices of the first wheel's unsteady slips, kappa and tan(alpha), four each [-]
+AX, AY = 22, 23  # specific force at the centre of gravity (what an accelerometer there feels) [m/s2]
+ROLL, ROLL_RATE = 24, 25  # of the body, positive leans right [rad], [rad/s]; 0 where the plant has no roll
+STATE_SIZE = 26
 
 
 class PolynomialTyre(NamedTuple):
@@ -61,6 +63,15 @@ TYRES: dict[str, type] = {
 }
 
 
+class PerWheel(NamedTuple):
+    """One number for each wheel."""
+
+    front_left: float = 0.0
+    front_right: float = 0.0
+    rear_left: float = 0.0
+    rear_right: float = 0.0
+
+
 class Geometry(NamedTuple):
     """As much of a car as brakes and their control must know; few numbers, because they travel at every step."""
 
@@ -84,6 +95,8 @@ class Vehicle(NamedTuple):
     track_front: float  # [m]
     track_rear: float  # [m]
     width: float  # over all [m]
+    front_overhang: float  # front axle to the foremost point of the body [m]
+    rear_overhang: float  # rear axle to the hindmost point [m]
     wheel_radius: float  # [m]
     wheel_inertia: float  # of one wheel about its axle [kg m2]
     steering_ratio: float  # hand wheel over road wheel [-]
@@ -94,6 +107,9 @@ class Vehicle(NamedTuple):
     brake_cap_rear: float  # the same for a rear wheel [N m]
     front_tyre: Any  # one of TYRES, per tyre
     rear_tyre: Any
+    # How this very car differs from its data sheet; nobody is told, and vehicle files do not say.
+    steering_offset: float = 0.0  # road-wheel angle with the hand wheel straight, positive left [rad]
+    radius_error: PerWheel = PerWheel()  # of each tyre's radius, relative: -0.02 is a worn or soft tyre [-]
 
     @property
     def wheelbase(self) -> float:
@@ -167,28 +183,33 @@ def check_vehicle(vehicle: Vehicle) -> Vehicle:
     Raises:
         ValueError: Naming each field that is not finite or out of its range.
     """
-    numbers = {k: v for k, v in vehicle._asdict().items() if not k.endswith("_tyre")}
-    for axle in ("front_tyre", "rear_tyre"):
-        tyre = getattr(vehicle, axle)
-        if type(tyre) not in TYRES.values():
-            raise ValueError(f"{axle} must be one of {', '.join(TYRES)}, not {type(tyre).__name__}")
-        numbers |= {f"{axle}.{k}": v for k, v in tyre._asdict().items()}
+    parts = ("front_tyre", "rear_tyre", "radius_error")
+    numbers: dict[str, Any] = {k: v for k, v in vehicle._asdict().items() if k not in parts}
+    for part in parts:
+        value = getattr(vehicle, part)
+        if part != "radius_error" and type(value) not in TYRES.values():
+            raise ValueError(f"{part} must be one of {', '.join(TYRES)}, not {type(value).__name__}")
+        numbers |= {f"{part}.{k}": v for k, v in value._asdict().items()}
     shares = {"front_transfer", "front_drive"}
-    may_be_zero = {"height", "front_tyre.trail", "rear_tyre.trail"}
+    may_be_zero = {"height", "front_overhang", "rear_overhang", "front_tyre.trail", "rear_tyre.trail"}
     wrong = []
     for name, value in numbers.items():
         if not isinstance(value, int | float | np.number) or isinstance(value, bool) or not np.isfinite(value):
             wrong.append(f"{name} = {value!r} is not a finite number")
-        elif name in shares and not 0 <= value <= 1:
-            wrong.append(f"{name} = {value} must lie in [0, 1]")
-        elif name in may_be_zero and value < 0:
-            wrong.append(f"{name} = {value} must not be negative")
-        elif name not in shares | may_be_zero and value <= 0:
+        elif name in shares:
+            if not 0 <= value <= 1:
+                wrong.append(f"{name} = {value} must lie in [0, 1]")
+        elif name in may_be_zero:
+            if value < 0:
+                wrong.append(f"{name} = {value} must not be negative")
+        elif name == "steering_offset" or name.startswith("radius_error"):
+            if not abs(value) < 0.5:
+                wrong.append(f"{name} = {value} must lie within 0.5")
+        elif value <= 0:
             wrong.append(f"{name} = {value} must be positive")
     if wrong:
         raise ValueError("vehicle: " + "; ".join(wrong))
-    floats: dict[str, Any] = {k: float(v) for k, v in vehicle._asdict().items() if not k.endswith("_tyre")}
-    for axle in ("front_tyre", "rear_tyre"):  # an int field would compile a second kernel
-        tyre = getattr(vehicle, axle)
-        floats[axle] = type(tyre)(*map(float, tyre))
-    return Vehicle(**floats)
+    # an int field would compile a second kernel
+    plain: dict[str, Any] = {k: float(v) for k, v in vehicle._asdict().items() if k not in parts}
+    nested = {part: type(getattr(vehicle, part))(*map(float, getattr(vehicle, part))) for part in parts}
+    return Vehicle(**plain, **nested)

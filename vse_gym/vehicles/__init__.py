@@ -32,7 +32,7 @@ def load(vehicle: str | Path | Vehicle) -> Vehicle:
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     for axle in ("front_tyre", "rear_tyre"):
         table[axle] = _tyre(path.name, axle, table.get(axle, {}))
-    _same_keys(path.name, table, Vehicle._fields)
+    _same_keys(path.name, table, tuple(f for f in Vehicle._fields if f not in Vehicle._field_defaults))
     return check_vehicle(Vehicle(**table))
 
 

@@ -1,4 +1,4 @@
-"""What an estimator is told, and the models of the car that it may believe in."""
+"""The single track: two axles with saturating tyres, and the brakes' yaw moment."""
 
 import math
 from dataclasses import dataclass
@@ -8,47 +8,29 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.model import advance, attend, heed, observe, report
-from vse_gym.physics.parameters import GRAVITY, Vehicle, check_vehicle
+from vse_gym.models.nominal import Nominal
+from vse_gym.physics.parameters import GRAVITY
 from vse_gym.physics.tyres import KNOT
-from vse_gym.types import U_BRAKE, U_DRIVE, U_STEER, Y_AX, Y_AY, Y_WHEEL, Y_YAW_RATE, Array
-
-
-class DataSheet(NamedTuple):
-    """Standard deviation of each kind of sensor in its good days: the core of its noise, without what goes wrong."""
-
-    acceleration: float  # [m/s2]
-    yaw_rate: float  # [rad/s]
-    wheel_speed: float  # [rad/s]
-    steer: float  # road-wheel angle [rad]
-    brake: float  # of the torque from pressure, relative [-]
-
-
-@dataclass(frozen=True)
-class Nominal:
-    """What estimators and controllers are told. Different from the truth on purpose.
-
-    Raises:
-        ValueError: If the vehicle, friction, speed or dt cannot be.
-    """
-
-    vehicle: Vehicle
-    sheet: DataSheet
-    speed: float  # at the start [m/s]
-    friction: float = 0.9  # [-]
-    dt: float = 0.01  # between readings [s]
-
-    def __post_init__(self) -> None:
-        check_vehicle(self.vehicle)
-        if not 0 < self.friction <= 2:
-            raise ValueError(f"friction must lie in (0, 2], not {self.friction}")
-        if not (0 < self.dt < math.inf and 0 <= self.speed < math.inf):
-            raise ValueError(f"dt must be positive and speed not negative, not {self.dt} and {self.speed}")
+from vse_gym.types import (
+    CHANNELS,
+    U_BRAKE,
+    U_DRIVE,
+    U_STEER,
+    Y_AX,
+    Y_AY,
+    Y_ROLL_RATE,
+    Y_SIDESLIP,
+    Y_SPEED,
+    Y_WHEEL,
+    Y_YAW_RATE,
+    Array,
+)
 
 
 class SingleTrack(NamedTuple):
     """Two axles with saturating tyres and the brakes' yaw moment. State: vx, vy [m/s], yaw rate [rad/s].
 
-    Inputs are those of :class:`Reading`; it explains all seven channels.
+    Inputs are those of :class:`Reading`; it explains all channels but the roll rate.
     """
 
     mass: float  # [kg]
@@ -71,7 +53,7 @@ class SingleTrack(NamedTuple):
     prior_mean: Array  # (3,)
     prior_cov: Array  # (3, 3)
     process_cov: Array  # (3, 3), of one step
-    variances: Array  # of the seven channels, without wheel slip, (7,)
+    variances: Array  # of the channels, without wheel slip; NaN: not used; (10,)
     memory: Array  # at the start: time since each wheel braked, (4) [s], and the reference speed [m/s]; (5,)
 
 
@@ -102,10 +84,11 @@ class SingleTrackTuning:
         """The model of a nominal car with this trust."""
         car, sheet = nominal.vehicle, nominal.sheet
         step = math.sqrt(nominal.dt)
-        channels = np.full(7, sheet.wheel_speed**2 + self.wheel_error**2)
+        channels = np.full(len(CHANNELS), sheet.wheel_speed**2 + self.wheel_error**2)
         channels[Y_AX] = sheet.acceleration**2 + self.ax_error**2
         channels[Y_AY] = sheet.acceleration**2 + self.ay_error**2
         channels[Y_YAW_RATE] = sheet.yaw_rate**2 + self.yaw_rate_error**2
+        channels[Y_SPEED], channels[Y_SIDESLIP], channels[Y_ROLL_RATE] = sheet.speed**2, sheet.sideslip**2, math.nan
         return SingleTrack(
             mass=car.mass,
             yaw_inertia=car.yaw_inertia,
@@ -240,7 +223,8 @@ def _(model, states, u):
 def _(model, states, u):
     c = _commanded(model, u)
     per_radius = 1 / model.wheel_radius
-    out = np.empty((7, states.shape[1]))
+    out = np.empty((10, states.shape[1]))
+    optical = not math.isnan(model.variances[Y_SPEED])
     half_front, half_rear = 0.5 * model.track_front, 0.5 * model.track_rear
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
@@ -251,6 +235,11 @@ def _(model, states, u):
         out[Y_WHEEL + 1, j] = ((vx + half_front * r) * c.cos_steer + across) * per_radius
         out[Y_WHEEL + 2, j] = (vx - half_rear * r) * per_radius
         out[Y_WHEEL + 3, j] = (vx + half_rear * r) * per_radius
+        if optical:
+            out[Y_SPEED, j], out[Y_SIDESLIP, j] = math.sqrt(vx * vx + vy * vy), math.atan2(vy, vx)
+        else:
+            out[Y_SPEED, j] = out[Y_SIDESLIP, j] = 0.0
+        out[Y_ROLL_RATE, j] = 0.0
     return out
 
 
@@ -278,8 +267,8 @@ def _(model, memory, u, y):
     # A braking wheel slips, and is slow to spin up again. While all brake, the fastest stays, with a standard
     # deviation of some slip, but only if it keeps up with a reference speed that falls no faster than the
     # accelerometer says: else it is locking, and would draw the estimate, and the slip limiter, down with it.
-    variances, after = np.empty(7), np.empty(5)
-    for i in range(7):
+    variances, after = np.empty(10), np.empty(5)
+    for i in range(10):
         variances[i] = np.nan if math.isnan(y[i]) else model.variances[i]
     fastest, rolling, total = -1, 0, 0.0
     for i in range(4):

@@ -1,0 +1,42 @@
+"""What estimators and controllers are told of the car, its sensors and the drive."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from vse_gym.physics.parameters import Vehicle, check_vehicle
+
+
+class DataSheet(NamedTuple):
+    """Standard deviation of each kind of sensor in its good days: the core of its noise, without what goes wrong."""
+
+    acceleration: float  # [m/s2]
+    yaw_rate: float  # [rad/s]
+    wheel_speed: float  # [rad/s]
+    steer: float  # road-wheel angle [rad]
+    brake: float  # of the torque from pressure, relative [-]
+    speed: float = math.nan  # optical, over ground; NaN: not on board, as for the next two [m/s]
+    sideslip: float = math.nan  # optical [rad]
+    roll_rate: float = math.nan  # [rad/s]
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """What estimators and controllers are told. Different from the truth on purpose.
+
+    Raises:
+        ValueError: If the vehicle, friction, speed or dt cannot be.
+    """
+
+    vehicle: Vehicle
+    sheet: DataSheet
+    speed: float  # at the start [m/s]
+    friction: float = 0.9  # [-]
+    dt: float = 0.01  # between readings [s]
+
+    def __post_init__(self) -> None:
+        check_vehicle(self.vehicle)
+        if not 0 < self.friction <= 2:
+            raise ValueError(f"friction must lie in (0, 2], not {self.friction}")
+        if not (0 < self.dt < math.inf and 0 <= self.speed < math.inf):
+            raise ValueError(f"dt must be positive and speed not negative, not {self.dt} and {self.speed}")
