@@ -312,7 +312,7 @@ from vse_gym.vehicles import load
 car = load("qin2014_understeer")
 nominal = Nominal(car, LOUD, 20.0)
 u = np.array([0.03, 0.0, 400.0, 0.0, 200.0, 50.0, 50.0, 0.0, 0.0])
-y = np.array([-0.5, 3.0, 0.15, 60.0, 61.0, np.nan, 61.5])
+y = np.array([-0.5, 3.0, 0.15, 60.0, 61.0, np.nan, 61.5, np.nan, np.nan, np.nan])
 found = {}
 for name, settings in (("ekf", {}), ("ukf", {}), ("kinematic", {}), ("pf", {"size": 20})):
     estimator, rng = ESTIMATORS.make(name, **settings), np.random.default_rng(1)

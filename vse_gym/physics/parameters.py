@@ -186,13 +186,14 @@ def check_vehicle(vehicle: Vehicle) -> Vehicle:
     parts = ("front_tyre", "rear_tyre", "radius_error")
     numbers: dict[str, Any] = {k: v for k, v in vehicle._asdict().items() if k not in parts}
     for part in parts:
-        value = getattr(vehicle, part)
-        if part != "radius_error" and type(value) not in TYRES.values():
-            raise ValueError(f"{part} must be one of {', '.join(TYRES)}, not {type(value).__name__}")
-        numbers |= {f"{part}.{k}": v for k, v in value._asdict().items()}
+        kind = type(getattr(vehicle, part))
+        if part != "radius_error" and kind not in TYRES.values():
+            raise ValueError(f"{part} must be one of {', '.join(TYRES)}, not {kind.__name__}")
+        numbers |= {f"{part}.{k}": v for k, v in getattr(vehicle, part)._asdict().items()}
     shares = {"front_transfer", "front_drive"}
     may_be_zero = {"height", "front_overhang", "rear_overhang", "front_tyre.trail", "rear_tyre.trail"}
     wrong = []
+    value: Any
     for name, value in numbers.items():
         if not isinstance(value, int | float | np.number) or isinstance(value, bool) or not np.isfinite(value):
             wrong.append(f"{name} = {value!r} is not a finite number")
@@ -203,7 +204,7 @@ def check_vehicle(vehicle: Vehicle) -> Vehicle:
             if value < 0:
                 wrong.append(f"{name} = {value} must not be negative")
         elif name == "steering_offset" or name.startswith("radius_error"):
-            if not abs(value) < 0.5:
+            if not -0.5 < value < 0.5:
                 wrong.append(f"{name} = {value} must lie within 0.5")
         elif value <= 0:
             wrong.append(f"{name} = {value} must be positive")
