@@ -56,18 +56,22 @@ def tyre_force(tyre, kappa, tan_alpha, load, friction):
     """
 
 
+@compiled
+def _load_share(tyre, load):
+    """What the load makes of a tyre's stiffness: a factor."""
+    return load / tyre.reference_load if tyre.reference_load > 0 else 1.0
+
+
 @tyre_force.register(PolynomialTyre)
 @compiled
 def _(tyre, kappa, tan_alpha, load, friction):
     # The vector form: the polynomial acts on the length of the normalised slip vector. Force and slip have the same
     # sign in each direction, so the tyre never creates power, and hypot(fx, fy) <= 1.0063 friction load.
     limit = friction * load + TINY
-    slip_stiffness, cornering_stiffness = tyre.slip_stiffness, tyre.cornering_stiffness
-    if tyre.reference_load > 0:
-        share = load / tyre.reference_load
-        slip_stiffness, cornering_stiffness = slip_stiffness * share, cornering_stiffness * share
+    share = _load_share(tyre, load)
+    slip_stiffness = share * tyre.slip_stiffness
     ux = slip_stiffness * kappa / limit
-    uy = cornering_stiffness * tan_alpha / limit
+    uy = share * tyre.cornering_stiffness * tan_alpha / limit
     u = math.sqrt(ux * ux + uy * uy) + TINY  # so that a rolling tyre has a direction too
     p, dp = polynomial(u)
     cx, cy = ux / u, uy / u
@@ -153,15 +157,18 @@ def _(tyre, kappa, tan_alpha, load, friction):
     return tyre.slip_stiffness * kappa, fy, mz, tyre.slip_stiffness
 
 
+@compiled
+def _within(force, limit, slope):
+    """A force up to its limit, and its slope, which ends there."""
+    return (force, slope) if abs(force) < limit else (math.copysign(limit, force), 0.0)
+
+
 @tyre_force.register(EllipseTyre)
 @compiled
 def _(tyre, kappa, tan_alpha, load, friction):
     # Longitudinal force first, up to the friction; the lateral force takes what the ellipse leaves.
     limit = friction * load + TINY
     fy, mz = _printed_lateral(tyre, tan_alpha, limit)
-    fx = tyre.slip_stiffness * kappa
-    slope = tyre.slip_stiffness
-    if abs(fx) >= limit:
-        fx, slope = math.copysign(limit, kappa), 0.0
+    fx, slope = _within(tyre.slip_stiffness * kappa, limit, tyre.slip_stiffness)
     left = math.sqrt(max(0.0, 1 - (fx / limit) ** 2))
     return fx, left * max(-limit, min(limit, fy)), left * mz, slope
