@@ -63,6 +63,7 @@ def run(
     friction: Annotated[float | None, typer.Option(help="Of the road; without it the manoeuvre's own.")] = None,
     speed_kmh: Annotated[float | None, typer.Option(help="At the start [km/h].")] = None,
     amplitude_deg: Annotated[float | None, typer.Option(help="Of the hand wheel, where there is one [deg].")] = None,
+    plant: Annotated[str, typer.Option(help="double_track, or commonroad_mb: CommonRoad's car.")] = "double_track",
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
     plot: Annotated[Path | None, typer.Option(help="Draw the drive into this file (.png, .svg, .pdf).")] = None,
 ) -> None:
@@ -73,9 +74,10 @@ def run(
 
     given: dict[str, Any] = {"friction": friction, "speed_kmh": speed_kmh, "amplitude_deg": amplitude_deg}
     try:
-        drive = scenario(manoeuvre, vehicle, sensors, **si({k: v for k, v in given.items() if v is not None}))
+        settings = si({k: v for k, v in given.items() if v is not None})
+        drive = scenario(manoeuvre, vehicle, sensors, plant=plant, **settings)
         log = rollout(drive, estimator, controller, seed)
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, ModuleNotFoundError) as error:
         raise _refuse(error) from None
     if not len(log.time):
         raise _refuse(RuntimeError(f"the drive never began: {log.ended}"))

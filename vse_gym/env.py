@@ -64,6 +64,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         action: "brakes" or "yaw_moment".
         controller: Works underneath the agent.
         nominal: What estimator and controller are told; None: this very car, friction 0.9.
+        plant: "double_track", or "commonroad_mb", an independent truth for one of CommonRoad's cars.
         settings: Of the manoeuvre, in SI units: speed, amplitude, ...
 
     Raises:
@@ -83,6 +84,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         action: str = "brakes",
         controller: str | Controller = "none",
         nominal: Nominal | None = None,
+        plant: str = "double_track",
         render_mode: None = None,
         **settings: Any,
     ):
@@ -94,7 +96,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
             settings["friction"] = float(friction)
         self.render_mode = render_mode
         self.encoder = Encoder(observation)
-        self.scenario = scenario(manoeuvre, vehicle, sensors, nominal, **settings)
+        self.scenario = scenario(manoeuvre, vehicle, sensors, nominal, plant, **settings)
         self.simulation = Simulation(self.scenario, estimator)
         self.controller: Controller = CONTROLLERS.make(controller)
         self._alone = isinstance(self.controller, NoControl)

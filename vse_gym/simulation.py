@@ -14,15 +14,19 @@ from vse_gym.estimators.base import Estimator
 from vse_gym.listener import EstimatorError, Listener
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
+from vse_gym.multibody import MultiBody
 from vse_gym.physics import parameters as p
 from vse_gym.physics.brakes import BrakeUnit, brake_torques, released_brakes
 from vse_gym.physics.double_track import advance, advance_reference, road_friction, rolling_start
+from vse_gym.registry import UnknownNameError
 from vse_gym.sensors import NoiseRecord, Sensors, read_sensors, stream, suite
 from vse_gym.types import CHANNELS, NO_BRAKE, NO_TORQUE, WHEELS, Array, BrakeDemand, Car, Estimate, Log, Reading
 from vse_gym.vehicles import load
 
 SPIN = math.radians(80)  # sideslip beyond which a drive is over
 SLOWEST_SPIN = 1.0  # below this speed the direction of travel means nothing [m/s]
+ROLLED_OVER = math.radians(45)  # no car comes back from there; the multi-body model knows no wheel that lifts off
+PLANTS = ("double_track", "commonroad_mb")
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,9 @@ class Scenario:
     """All that a drive needs but the estimator, the controller and the seed.
 
     Raises:
-        ValueError: If the vehicle cannot be, or the steps do not fit each other.
+        UnknownNameError: If there is no such plant.
+        ValueError: If the vehicle cannot be, the plant cannot take it or the road, or the steps do not fit each other.
+        ModuleNotFoundError: If the plant needs a library that is not installed.
     """
 
     manoeuvre: Manoeuvre
@@ -40,9 +46,13 @@ class Scenario:
     substep: float = 1e-3  # of the plant [s]
     integrator: str = "semi_implicit"  # or "runge_kutta", above 5 m/s
     brake_unit: BrakeUnit = field(default_factory=BrakeUnit)
+    plant: str = "double_track"  # or "commonroad_mb": CommonRoad's multi-body car, an independent truth
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle", p.check_vehicle(self.vehicle))
+        if self.plant not in PLANTS:
+            raise UnknownNameError(f"no plant named {self.plant!r}; known: {', '.join(PLANTS)}")
+        self.multibody()
         if self.steps < 1:
             raise ValueError(f"a drive of {self.manoeuvre.duration} s is shorter than one step of {self.dt} s")
         if self.integrator not in INTEGRATORS:
@@ -64,6 +74,10 @@ class Scenario:
     def steps(self) -> int:
         """Control steps of a whole drive."""
         return round(self.manoeuvre.duration / self.dt)
+
+    def multibody(self) -> MultiBody | None:
+        """The library's car on the manoeuvre's road, if it is the plant."""
+        return MultiBody(self.vehicle, self.manoeuvre.road()) if self.plant == "commonroad_mb" else None
 
 
 INTEGRATORS = ("semi_implicit", "runge_kutta")
@@ -107,6 +121,7 @@ def scenario(
     vehicle: str | p.Vehicle = "qin2014_understeer",
     sensors: str | Sensors = "gaussian",
     nominal: Nominal | None = None,
+    plant: str = "double_track",
     **settings: Any,
 ) -> Scenario:
     """A scenario from names: the estimator is told this very car, the manoeuvre's speed and a friction of 0.9.
@@ -116,6 +131,7 @@ def scenario(
         vehicle: A name, the path of a TOML file, or a Vehicle: the true car.
         sensors: The name of a suite, or Sensors.
         nominal: What estimators and controllers are told, if it shall differ.
+        plant: What moves the car: "double_track", or "commonroad_mb" for one of CommonRoad's cars.
         settings: Of the manoeuvre, in SI units: speed, friction, amplitude, ...
 
     Raises:
@@ -124,7 +140,7 @@ def scenario(
     """
     car, noise = load(vehicle), suite(sensors)
     test = MANOEUVRES.make(manoeuvre, **settings)
-    return Scenario(test, car, noise, nominal or Nominal(car, noise.sheet, test.speed))
+    return Scenario(test, car, noise, nominal or Nominal(car, noise.sheet, test.speed), plant=plant)
 
 
 class Frame(NamedTuple):
@@ -146,6 +162,7 @@ class Simulation:
         self.scenario = scenario
         self.estimator: Estimator = ESTIMATORS.make(estimator)
         self.road = scenario.manoeuvre.road()
+        self._multibody = scenario.multibody()
         self._geometry = scenario.nominal.vehicle.geometry  # the brake unit's own idea of the car
 
     def reset(self, seed: int) -> Frame:
@@ -156,6 +173,8 @@ class Simulation:
         self._constants = hold((s.brake_unit, self._geometry, s.vehicle, self.road, self.record))
         self.listener = Listener(self.estimator, s.nominal, stream(seed, "estimator"))
         self.state: Array = rolling_start(s.vehicle, s.manoeuvre.speed)
+        if self._multibody is not None:
+            self._bodies, self.state = self._multibody.start(s.manoeuvre.speed)
         self._driver_state = s.manoeuvre.init(s.nominal)
         self._unit = released_brakes(s.brake_unit, s.dt)
         self.hand_wheel, self.steer = 0.0, 0.0
@@ -198,6 +217,10 @@ class Simulation:
             raise ValueError(f"drive, brake, added and release are four finite numbers each, not {held.tolist()}")
         estimate = self.frame.estimate
         self.hand_wheel, self.steer, self.k = driver.hand_wheel, steer, self.k + 1
+        velocity = (estimate.vx, estimate.vy, estimate.yaw_rate)
+        if self._multibody is not None:
+            u, y = self._next_row(self._multibody, steer, held, velocity)
+            return self._sense(Reading(self.time, u, y))
         self._unit, self.state, u, y, self.heard = next_row(
             self._constants,
             s.integrator == "runge_kutta",
@@ -208,10 +231,23 @@ class Simulation:
             self.heard,
             steer,
             held,
-            (estimate.vx, estimate.vy, estimate.yaw_rate),
+            velocity,
             self.k,
         )
         return self._sense(Reading(self.time, u, y))
+
+    def _next_row(
+        self, plant: MultiBody, steer: float, held: Array, velocity: tuple[float, float, float]
+    ) -> tuple[Array, Array]:
+        """As the function of this name, with a plant of Python code: u and y of the reading."""
+        s, (drive, driver, added, release) = self.scenario, held
+        asked = (driver, added, release, self.heard, velocity, steer, s.dt)
+        self._unit = brake_torques(s.brake_unit, self._geometry, self._unit, *asked)
+        inputs = p.Inputs(steer + s.vehicle.steering_offset, drive, self._unit[0])
+        self._bodies, self.state = plant.advance(self._bodies, self.state, inputs, s.dt)
+        told = inputs._replace(steer=steer)
+        u, y, self.heard = read_sensors(self.record, self.k, self.state, told, self.heard)
+        return u, y
 
     def _sense(self, reading: Reading) -> Frame:
         told = self.friction if self.estimator.told_friction else math.nan
@@ -228,6 +264,8 @@ class Simulation:
             return "estimate not finite"
         if abs(math.atan2(vy, vx)) > SPIN and math.hypot(vx, vy) > SLOWEST_SPIN:
             return "spin"
+        if abs(self.state[p.ROLL]) > ROLLED_OVER:
+            return "roll-over"
         return "off course" if self.scenario.manoeuvre.off_course(Car(self.state)) else ""
 
 
