@@ -140,7 +140,7 @@ def bench(
                 progress.advance(task)
     except KeyboardInterrupt:
         stopped = True
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, ModuleNotFoundError) as error:
         raise _refuse(error) from None
     if not rows:
         raise _refuse(RuntimeError("stopped before the first cell was finished"))

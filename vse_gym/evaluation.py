@@ -58,6 +58,7 @@ class Cell:
     vehicle: str = "qin2014_understeer"
     controller: str = "esc"
     sensors: str = "gaussian"
+    plant: str = "double_track"
     benign: bool = False  # a drive that needs no help: only needless braking counts
     settings: Mapping[str, Any] = field(default_factory=dict)  # of the manoeuvre, SI or with a unit's suffix
 
@@ -83,7 +84,7 @@ class Cell:
         if "jump" in known:  # where it lies does not depend on the speed that was drawn
             changes["jump"] = written.jump * written.speed / changes["speed"]
         told = Nominal(car, noise.sheet, written.speed)
-        return Scenario(replace(written, **changes), _changed(car, mass, stiffness), noise, told)
+        return Scenario(replace(written, **changes), _changed(car, mass, stiffness), noise, told, plant=self.plant)
 
 
 def _icy(friction: float) -> float:
@@ -235,6 +236,7 @@ def run_cell(study: Study, cell: Cell, seed: int, estimators: Mapping[str, Estim
         "vehicle": cell.vehicle,
         "controller": cell.controller,
         "sensors": cell.sensors,
+        "plant": cell.plant,
         "benign": cell.benign,
         "seed": seed,
         "replaced": replaced,

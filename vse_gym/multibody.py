@@ -110,7 +110,7 @@ def parameters(vehicle: p.Vehicle) -> Any:
             f"lf, lr, height, wheel_inertia, and of both tyres {', '.join(OF_TYRES)}"
         )
     mass = library.m * vehicle.mass / car.mass
-    sprung = library.m_s + mass - library.m
+    sprung = library.m_s + (mass - library.m)
     if sprung <= 0:
         raise ValueError(f"mass = {vehicle.mass:.0f} kg leaves nothing to the body of {name}")
     tyre = replace(library.tire, **_tyre_changes(name, vehicle, car))
@@ -121,8 +121,8 @@ def parameters(vehicle: p.Vehicle) -> Any:
         m_s=sprung,
         I_z=library.I_z * vehicle.yaw_inertia / car.yaw_inertia,
         I_y_w=library.I_y_w * vehicle.wheel_inertia / car.wheel_inertia,
-        a=library.a + vehicle.lf - car.lf,
-        b=library.b + vehicle.lr - car.lr,
+        a=library.a + (vehicle.lf - car.lf),
+        b=library.b + (vehicle.lr - car.lr),
         h_s=library.h_s + (vehicle.height - car.height) * mass / sprung,
         tire=tyre,
     )
@@ -185,10 +185,12 @@ class MultiBody:
         # The library leaves the body where the tyres carry no load; its springs are at rest this much lower.
         x[PITCH] = (x[HEAVE_REAR] - x[HEAVE_FRONT]) / (q.a + q.b)
         x[HEAVE] = x[HEAVE_FRONT] + q.a * x[PITCH]
-        rest = p.Inputs(0.0, np.zeros(4), np.zeros(4))
-        state = np.zeros(p.STATE_SIZE)
-        drift = _Rate(self._on(state), rest)(list(x))
-        return tuple(x), project(x, drift, 0.0, 0.0)
+        rate = _Rate(self._on(np.zeros(p.STATE_SIZE)), p.Inputs(0.0, np.zeros(4), np.zeros(4)))
+        for _ in range(4):  # Newton's method for wheels that roll free: their tyres' curves miss the origin
+            for k, pull in enumerate(rate(list(x))[SPIN : SPIN + 4], SPIN):
+                load = q.K_zt * x[HEAVE_FRONT if k < SPIN + 2 else HEAVE_REAR]
+                x[k] += pull * q.I_y_w * speed / (q.tire.p_kx1 * load * q.R_w**2)
+        return tuple(x), project(x, rate(list(x)), 0.0, 0.0)
 
     def advance(self, bodies: Bodies, state: Array, inputs: p.Inputs, dt: float) -> tuple[Bodies, Array]:
         """The states after dt seconds of held inputs, by Runge-Kutta steps of 2 ms; shorter ones at walking pace.
@@ -229,8 +231,8 @@ class MultiBody:
         q = self.library
         slowest = max(STANDSTILL, x[SPEED] - 0.5 * max(q.T_f, q.T_r) * abs(x[YAW_RATE]))
         load = 0.5 * q.m * p.GRAVITY  # of the heaviest wheel in a violent turn
-        stiffness: float = q.tire.p_kx1 * load  # of a tyre over slip [N]
-        return min(SUBSTEP, STABLE * slowest * float(q.I_y_w) / (stiffness * q.R_w**2))
+        eigenvalue: float = q.tire.p_kx1 * load * q.R_w**2 / (q.I_y_w * slowest)
+        return min(SUBSTEP, STABLE / eigenvalue)
 
 
 class _Rate:
