@@ -160,6 +160,7 @@ class MultiBody:
     road: p.Road
     offsets: bool = False  # whether tyres keep the library's offsets of the lateral force
     library: Any = field(init=False, repr=False)  # parameters at a friction of 1
+    everywhere: Any = field(init=False, repr=False)  # the same on the road, if all of it has one friction, else None
 
     def __post_init__(self) -> None:
         _dynamics()
@@ -169,6 +170,9 @@ class MultiBody:
             raise ValueError("the plant 'commonroad_mb' has one tyre for all wheels: no friction split left and right")
         if np.any(self.road.slope) or np.any(self.road.bank):
             raise ValueError("the plant 'commonroad_mb' drives on a level plane: no slope, no bank")
+        frictions = np.unique(self.road.friction_left)
+        one = _gripping(self.library, float(frictions[0])) if frictions.size == 1 else None
+        object.__setattr__(self, "everywhere", one)
 
     def start(self, speed: float) -> tuple[Bodies, Array]:
         """Straight running at a speed [m/s] from the origin, the body at rest on its springs.
@@ -222,9 +226,9 @@ class MultiBody:
 
     def _on(self, state: Array) -> Any:
         """The library's parameters on the road under the car; its one tyre takes the mean friction of the axles."""
-        q = self.library
-        friction = float(road_friction(self.vehicle, self.road, state[p.DISTANCE]))
-        return replace(q, tire=replace(q.tire, p_dx1=q.tire.p_dx1 * friction, p_dy1=q.tire.p_dy1 * friction))
+        if self.everywhere is not None:
+            return self.everywhere
+        return _gripping(self.library, float(road_friction(self.vehicle, self.road, state[p.DISTANCE])))
 
     def _stable_step(self, x: list[float]) -> float:
         """The longest step that the wheels' spin allows, whose eigenvalue grows as the speed falls [s]."""
@@ -233,6 +237,12 @@ class MultiBody:
         load = 0.5 * q.m * p.GRAVITY  # of the heaviest wheel in a violent turn
         eigenvalue: float = q.tire.p_kx1 * load * q.R_w**2 / (q.I_y_w * slowest)
         return min(SUBSTEP, STABLE / eigenvalue)
+
+
+def _gripping(library: Any, friction: float) -> Any:
+    """The library's parameters with the tyre's peaks on a road of a friction."""
+    tyre = library.tire
+    return replace(library, tire=replace(tyre, p_dx1=tyre.p_dx1 * friction, p_dy1=tyre.p_dy1 * friction))
 
 
 class _Rate:
