@@ -37,7 +37,7 @@ from vse_gym.types import Array, Car, Driver
 from vse_gym.vehicles import load
 
 DT, SUBSTEP = 0.01, 1e-3  # [s]
-FRICTION = 0.8  # on the tyres' own 1.05 across the multi-body car rolls over
+FRICTION = 0.8  # the more, the longer the multi-body's inner wheels have negative loads at the limit
 GENTLE = 4.0  # lateral acceleration asked for, half of what the road gives [m/s2]
 BRAKE = np.array([330.0, 330.0, 170.0, 170.0])  # some 2.5 m/s2 [N m]
 FAST, SLOW = 80 * KMH, 40 * KMH

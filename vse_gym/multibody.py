@@ -3,7 +3,9 @@
 Althoff, Wuersching (2020), CommonRoad: Vehicle Models, section 9, after Allen et al. (1992): sprung mass with six
 degrees of freedom, two axles that roll, heave and shift, four wheels, Magic Formula tyres with camber; 29 states. The
 derivative is the library's own, unchanged, because a judge that we had written would share our mistakes. Here is
-what stands between it and the loop: axes, wheel order, brakes, friction, where it starts and where it ends.
+what stands between it and the loop: axes, wheel order, wheel torques, friction, where it starts and where it ends.
+Its wheels never lift off. Their loads become negative, and a wheel that then runs away from rolling is what turned
+the library's cars over in the limit; here such a wheel rolls on, and no car turns over.
 
 Axes. The library's states are named z-down, its yaw counts as ours. Read in ISO axes its left wheels are the right
 ones, and a positive roll leans left. Ours is the projection: position, velocity and specific force of the library's
@@ -13,6 +15,7 @@ body would read ay cos(roll) + g sin(roll).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -29,7 +32,8 @@ Bodies = tuple[float, ...]  # the library's state, (29,)
 
 # The library's state
 STEER, SPEED, YAW, YAW_RATE, ROLL, ROLL_RATE, PITCH, LATERAL, HEAVE = 2, 3, 4, 5, 6, 7, 8, 10, 11
-HEAVE_FRONT, HEAVE_REAR, SPIN = 16, 21, 23
+LEAN_FRONT, HEAVE_FRONT, LEAN_REAR, HEAVE_REAR, SPIN = 13, 16, 18, 21, 23
+SPINS = range(SPIN, SPIN + 4)
 SIDES_SWAPPED = [1, 0, 3, 2]  # its left is our right
 
 SUBSTEP = 2e-3  # of the Runge-Kutta method [s]
@@ -191,16 +195,16 @@ class MultiBody:
         x[HEAVE] = x[HEAVE_FRONT] + q.a * x[PITCH]
         rate = _Rate(self._on(np.zeros(p.STATE_SIZE)), p.Inputs(0.0, np.zeros(4), np.zeros(4)))
         for _ in range(4):  # Newton's method for wheels that roll free: their tyres' curves miss the origin
-            for k, pull in enumerate(rate(list(x))[SPIN : SPIN + 4], SPIN):
-                load = q.K_zt * x[HEAVE_FRONT if k < SPIN + 2 else HEAVE_REAR]
-                x[k] += pull * q.I_y_w * speed / (q.tire.p_kx1 * load * q.R_w**2)
+            pulls = rate(list(x))
+            for k, weight in zip(SPINS, loads(q, x), strict=True):
+                x[k] += pulls[k] * q.I_y_w * speed / (q.tire.p_kx1 * weight * q.R_w**2)
         return tuple(x), project(x, rate(list(x)), 0.0, 0.0)
 
-    def advance(self, bodies: Bodies, state: Array, inputs: p.Inputs, dt: float) -> tuple[Bodies, Array]:
+    def advance(self, bodies: Bodies, state: Array, inputs: p.Inputs, dt: float) -> tuple[Bodies | None, Array]:
         """The states after dt seconds of held inputs, by Runge-Kutta steps of 2 ms; shorter ones at walking pace.
 
-        A car that comes to a stop stands for the rest of the drive. Where the library has no answer (a wheel that
-        is carried backwards, a car on its side) our state becomes NaN.
+        A car that comes to a stop stands for the rest of the drive. Where the library has no answer, as for a wheel
+        that is carried backwards, its state is None and ours stays what it was.
         """
         x = list(bodies)
         if x[SPEED] == 0.0:
@@ -217,12 +221,12 @@ class MultiBody:
                 work += 0.5 * h * sum(t * (x[k] + after[k]) for k, t in enumerate(torques, SPIN))
                 x, left = after, left - h
             if x[SPEED] <= STANDSTILL and math.hypot(x[SPEED], x[LATERAL]) < SLOWEST_START:
-                for k in (SPEED, YAW_RATE, LATERAL, ROLL_RATE, *range(SPIN, SPIN + 4)):
+                for k in (SPEED, YAW_RATE, LATERAL, ROLL_RATE, *SPINS):
                     x[k] = 0.0
                 return tuple(x), project(x, [0.0] * len(x), distance, work)
             return tuple(x), project(x, rate(list(x)), distance, work)
         except (ZeroDivisionError, OverflowError, ValueError):
-            return bodies, np.full(p.STATE_SIZE, np.nan)
+            return None, state
 
     def _on(self, state: Array) -> Any:
         """The library's parameters on the road under the car; its one tyre takes the mean friction of the axles."""
@@ -245,6 +249,22 @@ def _gripping(library: Any, friction: float) -> Any:
     return replace(library, tire=replace(tyre, p_dx1=tyre.p_dx1 * friction, p_dy1=tyre.p_dy1 * friction))
 
 
+def loads(library: Any, x: Sequence[float]) -> tuple[float, float, float, float]:
+    """The library's wheel loads, in its own order, negative where a wheel should have lifted off [N]."""
+    q = library
+    front, rear = (
+        x[HEAVE_FRONT] + q.R_w * (math.cos(x[LEAN_FRONT]) - 1),
+        x[HEAVE_REAR] + q.R_w * (math.cos(x[LEAN_REAR]) - 1),
+    )
+    across_front, across_rear = 0.5 * q.T_f * math.sin(x[LEAN_FRONT]), 0.5 * q.T_r * math.sin(x[LEAN_REAR])
+    return (
+        q.K_zt * (front - across_front),
+        q.K_zt * (front + across_front),
+        q.K_zt * (rear - across_rear),
+        q.K_zt * (rear + across_rear),
+    )
+
+
 class _Rate:
     """The library's derivative, with the wheels' torques."""
 
@@ -256,8 +276,9 @@ class _Rate:
     def __call__(self, x: list[float]) -> list[float]:
         """(29,) to (29,); a negative wheel speed in ``x`` is set to zero by the library."""
         dx: list[float] = self.dynamics(x, NO_CHANGE, self.library)
-        for k, (drive, brake) in enumerate(zip(self.drive, self.brake, strict=True), SPIN):
-            push = dx[k] + drive
+        for k, drive, brake, weight in zip(SPINS, self.drive, self.brake, loads(self.library, x), strict=True):
+            # A tyre under a negative load would drive a slipping wheel away from rolling: its spin takes the magnitude
+            push = drive + (dx[k] if weight > 0 else -dx[k])
             # Coulomb: against a turning wheel; a standing one is held, and the library knows no turning back
             dx[k] = push - brake if x[k] > 0 or push > brake else 0.0
         return dx
@@ -271,7 +292,7 @@ def _runge_kutta(rate: _Rate, x: list[float], h: float) -> list[float]:
     k3 = rate([a + half * b for a, b in zip(x, k2, strict=True)])
     k4 = rate([a + h * b for a, b in zip(x, k3, strict=True)])
     after = [a + sixth * (b + 2 * (c + d) + e) for a, b, c, d, e in zip(x, k1, k2, k3, k4, strict=True)]
-    for k in range(SPIN, SPIN + 4):
+    for k in SPINS:
         after[k] = max(0.0, after[k])
     return after
 

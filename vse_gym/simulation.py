@@ -25,7 +25,6 @@ from vse_gym.vehicles import load
 
 SPIN = math.radians(80)  # sideslip beyond which a drive is over
 SLOWEST_SPIN = 1.0  # below this speed the direction of travel means nothing [m/s]
-ROLLED_OVER = math.radians(45)  # no car comes back from there; the multi-body model knows no wheel that lifts off
 PLANTS = ("double_track", "commonroad_mb")
 
 
@@ -175,6 +174,7 @@ class Simulation:
         self.state: Array = rolling_start(s.vehicle, s.manoeuvre.speed)
         if self._multibody is not None:
             self._bodies, self.state = self._multibody.start(s.manoeuvre.speed)
+        self._lost = False
         self._driver_state = s.manoeuvre.init(s.nominal)
         self._unit = released_brakes(s.brake_unit, s.dt)
         self.hand_wheel, self.steer = 0.0, 0.0
@@ -244,7 +244,11 @@ class Simulation:
         asked = (driver, added, release, self.heard, velocity, steer, s.dt)
         self._unit = brake_torques(s.brake_unit, self._geometry, self._unit, *asked)
         inputs = p.Inputs(steer + s.vehicle.steering_offset, drive, self._unit[0])
-        self._bodies, self.state = plant.advance(self._bodies, self.state, inputs, s.dt)
+        bodies, self.state = plant.advance(self._bodies, self.state, inputs, s.dt)
+        if bodies is None:
+            self._lost = True
+        else:
+            self._bodies = bodies
         told = inputs._replace(steer=steer)
         u, y, self.heard = read_sensors(self.record, self.k, self.state, told, self.heard)
         return u, y
@@ -264,8 +268,8 @@ class Simulation:
             return "estimate not finite"
         if abs(math.atan2(vy, vx)) > SPIN and math.hypot(vx, vy) > SLOWEST_SPIN:
             return "spin"
-        if abs(self.state[p.ROLL]) > ROLLED_OVER:
-            return "roll-over"
+        if self._lost:
+            return "beyond the multi-body model"
         return "off course" if self.scenario.manoeuvre.off_course(Car(self.state)) else ""
 
 
