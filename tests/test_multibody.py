@@ -214,7 +214,7 @@ def test_free_wheels_roll_in_a_turn_that_takes_the_load_off_the_inner_ones(name)
         angle = np.array([steer, steer, 0.0, 0.0])
         along = (state[p.VX] - state[p.YAW_RATE] * y) * np.cos(angle)
         along += (state[p.VY] + state[p.YAW_RATE] * x) * np.sin(angle)
-        # tyres that corner this hard roll some per cent off; a wheel that ran away was 10 % off and more by now
+        # tyres that corner this hard roll some per cent off; a wheel that runs away is 6 % off and more by now
         np.testing.assert_allclose(state[p.WHEEL_SPEEDS] * car.wheel_radius, along, rtol=0.05)
     assert lightest < 0 or name == "bmw_320i"  # low and wide: it stays on the road this long
 
