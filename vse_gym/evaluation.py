@@ -23,7 +23,7 @@ from vse_gym.physics.parameters import Vehicle
 from vse_gym.registry import UnknownNameError
 from vse_gym.replay import shadow
 from vse_gym.sensors import stream, suite
-from vse_gym.simulation import Scenario, rollout
+from vse_gym.simulation import Scenario, fitting_integrator, rollout
 from vse_gym.types import Log
 from vse_gym.vehicles import load
 
@@ -83,7 +83,8 @@ class Cell:
         if "jump" in known:  # where it lies does not depend on the speed that was drawn
             changes["jump"] = written.jump * written.speed / changes["speed"]
         told = Nominal(car, noise.sheet, written.speed)
-        return Scenario(replace(written, **changes), _changed(car, mass, stiffness), noise, told)
+        driven = _changed(car, mass, stiffness)
+        return Scenario(replace(written, **changes), driven, noise, told, integrator=fitting_integrator(driven))
 
 
 def _icy(friction: float) -> float:

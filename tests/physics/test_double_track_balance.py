@@ -17,13 +17,13 @@ from vse_gym.physics.double_track import (
     MZ,
     SIN,
     advance,
-    advance_reference,
     contact,
     rolling_start,
     wheel_load,
     wheel_position,
     wheel_velocity,
 )
+from vse_gym.physics.reference import advance_reference
 from vse_gym.vehicles import load, names
 
 CARS = names()
