@@ -54,6 +54,11 @@ class Scenario:
             raise ValueError(f"dt {self.dt} s must be a whole number of substeps of {self.substep} s")
 
     @property
+    def road(self) -> p.Road:
+        """The manoeuvre's road with its slope and bank."""
+        return p.tilted(self.manoeuvre.road(), self.manoeuvre.slope, self.manoeuvre.bank)
+
+    @property
     def dt(self) -> float:
         """Time between readings [s]."""
         return self.nominal.dt
@@ -156,7 +161,7 @@ class Simulation:
     def __init__(self, scenario: Scenario, estimator: str | Estimator):
         self.scenario = scenario
         self.estimator: Estimator = ESTIMATORS.make(estimator)
-        self.road = scenario.manoeuvre.road()
+        self.road = scenario.road
         self._geometry = scenario.nominal.vehicle.geometry  # the brake unit's own idea of the car
 
     def reset(self, seed: int) -> Frame:

@@ -203,6 +203,11 @@ def road(*segments: tuple[float, float], slope: float = 0.0, bank: float = 0.0) 
     return Road(start, friction, friction.copy(), slope * level, bank * level)
 
 
+def tilted(flat: Road, slope: float, bank: float) -> Road:
+    """The road with so much more slope and bank everywhere [rad]."""
+    return flat._replace(slope=flat.slope + slope, bank=flat.bank + bank)
+
+
 SHARES = ("front_transfer", "front_drive")
 MAY_BE_ZERO = ("height", "front_overhang", "rear_overhang", "trail")
 
