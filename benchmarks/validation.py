@@ -7,6 +7,11 @@
 Below the limit both plants are given the same steering, drive and brake torques, those that the manoeuvre's driver
 gave the multi-body car. NRMSE is the root mean square of the difference over the largest absolute value of the
 multi-body's signal. At the limit both run in the closed loop, with the stability control's gains as they are.
+
+What remains below the limit is roll: the multi-body's camber follows the roll of its body, and the yaw rate follows
+some 10 ms late. Without camber in its tyres (p_hy3, p_vy3) and in our cornering stiffness the plants agree to 1 ms
+and 0.3 %. At the limit camber adds grip, more at one axle than at the other, and inner wheels lose their load: where
+an uncontrolled slide ends differs.
 """
 
 import time

@@ -1,11 +1,10 @@
 """An independent truth: CommonRoad's multi-body car behind the layout of our own plant's state.
 
-Althoff, Wuersching (2020), CommonRoad: Vehicle Models, section 9, after Allen et al. (1992): sprung mass with six
-degrees of freedom, two axles that roll, heave and shift, four wheels, Magic Formula tyres with camber; 29 states. The
-derivative is the library's own, unchanged, because a judge that we had written would share our mistakes. Here is
-what stands between it and the loop: axes, wheel order, wheel torques, friction, where it starts and where it ends.
-Its wheels never lift off. Their loads become negative, and a wheel that then runs away from rolling is what turned
-the library's cars over in the limit; here such a wheel rolls on, and no car turns over.
+Althoff, Wuersching (2020), CommonRoad: Vehicle Models: a sprung mass with six degrees of freedom, two axles that
+roll, heave and shift, four wheels, Magic Formula tyres with camber; 29 states. The derivative is the library's own,
+because a judge that we had written would share our mistakes. Here is what stands between it and the loop: axes, wheel
+order, wheel torques, friction, start and end. Its wheels never lift off: their loads become negative, and a wheel
+that then runs away from rolling turns the library's cars over in the limit. Here such a wheel rolls on.
 
 Axes. The library's states are named z-down, its yaw counts as ours. Read in ISO axes its left wheels are the right
 ones, and a positive roll leans left. Ours is the projection: position, velocity and specific force of the library's
@@ -40,7 +39,7 @@ SUBSTEP = 2e-3  # of the Runge-Kutta method [s]
 STABLE = 2.5  # largest step times eigenvalue; the method of order four is stable up to 2.78
 STANDSTILL = 0.1  # below this the library turns kinematic, without brakes: the car stands from there on [m/s]
 SLOWEST_START = 1.0  # [m/s]
-NO_CHANGE = (0.0, 0.0)  # steering rate and acceleration: steer is set, torques go to the wheels
+NO_CHANGE = (0.0, 0.0)  # steering rate, which it limits to 0.4 rad/s, and acceleration: both are set in other ways
 
 # Fields of a car that another car of the same make may have otherwise: those that the loop itself reads, and those
 # that have a counterpart. Of a tyre: the counterparts.
@@ -49,10 +48,10 @@ ELSEWHERE = {
     *("brake_cap_front", "brake_cap_rear"),
 }
 COUNTERPARTS = {"mass", "yaw_inertia", "lf", "lr", "height", "wheel_inertia", "front_tyre", "rear_tyre"}
+OF_TYRES = {"slip_stiffness": "p_kx1", "cornering_stiffness": "p_ky1", "peak_x": "p_dx1", "peak_y": "p_dy1"}
 # Offsets of the tyre's lateral force, ply steer and conicity, which the library gives the sign of the camber angle. A
 # car that runs straight has none, so that the force jumps by 2 % of the load from side to side and the car hunts.
 OFFSETS = {"p_hy1": 0.0, "p_vy1": 0.0}
-OF_TYRES = {"slip_stiffness": "p_kx1", "cornering_stiffness": "p_ky1", "peak_x": "p_dx1", "peak_y": "p_dy1"}
 
 
 @cache
@@ -107,8 +106,8 @@ def parameters(vehicle: p.Vehicle) -> Any:
     """
     name = identify(vehicle)
     car, library = load(name), library_parameters(CARS[name])
-    free = ELSEWHERE | COUNTERPARTS
-    if wrong := [f for f in p.Vehicle._fields if f not in free and getattr(vehicle, f) != getattr(car, f)]:
+    fixed = [f for f in p.Vehicle._fields if f not in ELSEWHERE | COUNTERPARTS]
+    if wrong := [f for f in fixed if getattr(vehicle, f) != getattr(car, f)]:
         raise ValueError(
             f"the plant 'commonroad_mb' cannot change {', '.join(wrong)} of {name}; it can change mass, yaw_inertia, "
             f"lf, lr, height, wheel_inertia, and of both tyres {', '.join(OF_TYRES)}"
@@ -118,7 +117,6 @@ def parameters(vehicle: p.Vehicle) -> Any:
     if sprung <= 0:
         raise ValueError(f"mass = {vehicle.mass:.0f} kg leaves nothing to the body of {name}")
     tyre = replace(library.tire, **_tyre_changes(name, vehicle, car))
-    # The driver's hand is not the library's to limit, but no rate is asked of it either: steer is set.
     return replace(
         library,
         m=mass,
@@ -249,20 +247,14 @@ def _gripping(library: Any, friction: float) -> Any:
     return replace(library, tire=replace(tyre, p_dx1=tyre.p_dx1 * friction, p_dy1=tyre.p_dy1 * friction))
 
 
-def loads(library: Any, x: Sequence[float]) -> tuple[float, float, float, float]:
+def loads(library: Any, x: Sequence[float]) -> list[float]:
     """The library's wheel loads, in its own order, negative where a wheel should have lifted off [N]."""
     q = library
-    front, rear = (
-        x[HEAVE_FRONT] + q.R_w * (math.cos(x[LEAN_FRONT]) - 1),
-        x[HEAVE_REAR] + q.R_w * (math.cos(x[LEAN_REAR]) - 1),
-    )
-    across_front, across_rear = 0.5 * q.T_f * math.sin(x[LEAN_FRONT]), 0.5 * q.T_r * math.sin(x[LEAN_REAR])
-    return (
-        q.K_zt * (front - across_front),
-        q.K_zt * (front + across_front),
-        q.K_zt * (rear - across_rear),
-        q.K_zt * (rear + across_rear),
-    )
+    out: list[float] = []
+    for heave, lean, track in ((HEAVE_FRONT, LEAN_FRONT, q.T_f), (HEAVE_REAR, LEAN_REAR, q.T_r)):
+        middle, across = x[heave] + q.R_w * (math.cos(x[lean]) - 1), 0.5 * track * math.sin(x[lean])
+        out += (q.K_zt * (middle - across), q.K_zt * (middle + across))
+    return out
 
 
 class _Rate:
@@ -302,7 +294,7 @@ def project(x: list[float], dx: list[float], distance: float, work: float) -> Ar
     state = np.zeros(p.STATE_SIZE)
     state[p.X], state[p.Y], state[p.YAW] = x[0], x[1], x[YAW]
     state[p.VX], state[p.VY], state[p.YAW_RATE] = x[SPEED], x[LATERAL], x[YAW_RATE]
-    state[p.WHEEL_SPEEDS] = x[SPIN + 1], x[SPIN], x[SPIN + 3], x[SPIN + 2]
+    state[p.WHEEL_SPEEDS] = [x[SPIN + k] for k in SIDES_SWAPPED]
     state[p.DISTANCE], state[p.BRAKE_WORK] = distance, work
     state[p.AX] = dx[SPEED] - x[YAW_RATE] * x[LATERAL]
     state[p.AY] = dx[LATERAL] + x[YAW_RATE] * x[SPEED]
