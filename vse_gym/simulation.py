@@ -17,8 +17,9 @@ from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.physics.brakes import BrakeUnit, brake_torques, released_brakes
 from vse_gym.physics.double_track import advance, advance_reference, road_friction, rolling_start
-from vse_gym.sensors import NoiseRecord, Sensors, read_sensors, stream, suite
-from vse_gym.types import CHANNELS, NO_BRAKE, NO_TORQUE, WHEELS, Array, BrakeDemand, Car, Estimate, Log, Reading
+from vse_gym.sensing import NoiseRecord, read_sensors, unread_sensors
+from vse_gym.sensors import Sensors, stream, suite
+from vse_gym.types import CHANNELS, NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Car, Estimate, Log, Reading
 from vse_gym.vehicles import load
 
 SPIN = math.radians(80)  # sideslip beyond which a drive is over
@@ -70,7 +71,7 @@ INTEGRATORS = ("semi_implicit", "runge_kutta")
 
 
 @compiled
-def next_row(constants, runge_kutta, substeps, h, memory, state, heard, steer, held, velocity, k):
+def next_row(constants, runge_kutta, substeps, h, memory, state, sensed, steer, held, velocity, k):
     """One row's way from a demand to the next reading: brake unit, plant, sensors, in one call.
 
     Three calls would pass the same arrays three times.
@@ -82,24 +83,24 @@ def next_row(constants, runge_kutta, substeps, h, memory, state, heard, steer, h
         h: [s].
         memory: Of the brake unit, (1 + delay steps, 4).
         state: Of the plant, (STATE_SIZE,).
-        heard: Last valid value of each channel, (10,).
+        sensed: Memory of the sensors, (1 + delay steps, 10); its first row is the last valid value of each channel.
         steer: Road-wheel angle [rad].
         held: The driver's drive and brake torques, what is added and released, (4, 4).
         velocity: Estimated vx, vy, yaw rate.
         k: Step of the reading.
 
     Returns:
-        memory, state, u (9,), y (10,), heard, as they are at step k.
+        memory, state, u (9,), y (10,), sensed, as they are at step k.
     """
     unit, geometry, vehicle, road, record = constants.value
-    memory = brake_torques(unit, geometry, memory, held[1], held[2], held[3], heard, velocity, steer, substeps * h)
+    memory = brake_torques(unit, geometry, memory, held[1], held[2], held[3], sensed[0], velocity, steer, substeps * h)
     inputs = p.Inputs(steer + vehicle.steering_offset, held[0], memory[0])
     if runge_kutta:
         state = advance_reference(vehicle, road, state, inputs, substeps, h)
     else:
         state = advance(vehicle, road, state, inputs, substeps, h)
-    u, y, heard = read_sensors(record, k, state, p.Inputs(steer, held[0], memory[0]), heard)
-    return memory, state, u, y, heard
+    u, y, sensed = read_sensors(record, k, state, p.Inputs(steer, held[0], memory[0]), sensed)
+    return memory, state, u, y, sensed
 
 
 def scenario(
@@ -160,10 +161,15 @@ class Simulation:
         self._unit = released_brakes(s.brake_unit, s.dt)
         self.hand_wheel, self.steer = 0.0, 0.0
         rest = p.Inputs(0.0, NO_TORQUE, NO_TORQUE)
-        silent = np.zeros(len(CHANNELS))
-        silent[WHEELS] = self.state[p.WHEEL_SPEEDS]  # a sensor unheard of is no locked wheel
-        u, y, self.heard = read_sensors(self.record, 0, self.state, rest, silent)
+        self._sensed: Array = unread_sensors(self.record.delay, self.state)
+        u, y, self._sensed = read_sensors(self.record, 0, self.state, rest, self._sensed)
         return self._sense(Reading(0.0, u, y))
+
+    @property
+    def heard(self) -> Array:
+        """Last valid value of each channel, (10,)."""
+        heard: Array = self._sensed[0]
+        return heard
 
     @property
     def time(self) -> float:
@@ -198,14 +204,14 @@ class Simulation:
             raise ValueError(f"drive, brake, added and release are four finite numbers each, not {held.tolist()}")
         estimate = self.frame.estimate
         self.hand_wheel, self.steer, self.k = driver.hand_wheel, steer, self.k + 1
-        self._unit, self.state, u, y, self.heard = next_row(
+        self._unit, self.state, u, y, self._sensed = next_row(
             self._constants,
             s.integrator == "runge_kutta",
             s.substeps,
             s.substep,
             self._unit,
             self.state,
-            self.heard,
+            self._sensed,
             steer,
             held,
             (estimate.vx, estimate.vy, estimate.yaw_rate),
