@@ -224,7 +224,7 @@ def _(model, states, u):
     c = _commanded(model, u)
     per_radius = 1 / model.wheel_radius
     out = np.empty((10, states.shape[1]))
-    optical = not math.isnan(model.variances[Y_SPEED])
+    optical = not (math.isnan(model.variances[Y_SPEED]) and math.isnan(model.variances[Y_SIDESLIP]))
     half_front, half_rear = 0.5 * model.track_front, 0.5 * model.track_rear
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
