@@ -115,7 +115,7 @@ def scenario(
     Args:
         manoeuvre: A name from the catalogue, which ``settings`` go to, or an instance.
         vehicle: A name, the path of a TOML file, or a Vehicle: the true car.
-        sensors: The name of a suite, or Sensors.
+        sensors: The name of a suite, with extra sensors after a plus ("loud+optical"), or Sensors.
         nominal: What estimators and controllers are told, if it shall differ.
         settings: Of the manoeuvre, in SI units: speed, friction, amplitude, ...
 
