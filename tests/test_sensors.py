@@ -207,10 +207,11 @@ def test_the_outlier_suite_has_a_burst_a_second_and_channel():
         assert inside.std() == pytest.approx(sigma[channel], rel=0.05)
 
 
-def test_the_growing_suite_grows_from_the_quiet_accelerometers_to_the_loud_ones():
-    added = suite("growing").record(100_000, DT, 0).added[:, 0]
-    assert added[:200].std() == pytest.approx(QUIET.acceleration, rel=0.25)  # 200 draws: five times 5 %
-    assert added[800:].std() == pytest.approx(LOUD.acceleration, rel=0.02)
+def test_the_growing_suite_is_quiet_at_first_and_louder_than_the_loud_one_at_last():
+    added = suite("growing").record(100_000, DT, 0).added
+    for channel, quiet, loud, times in ((0, 0.05, 0.3, 10 / 3), (2, 0.1 * DEG, 1.0 * DEG, 2)):
+        assert added[:200, channel].std() == pytest.approx(quiet, rel=0.25)  # 200 draws: five times 5 %
+        assert added[800:, channel].std() == pytest.approx(times * loud, rel=0.02)  # 100 000: five times 0.2 %
     assert suite("growing").sheet == QUIET  # which is what estimators go on being told
 
 
