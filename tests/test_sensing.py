@@ -1,5 +1,6 @@
 """From the truth to a reading: delay, noise, range, resolution, silence."""
 
+import copy
 import hashlib
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ from scipy import stats
 from vse_gym.physics import parameters as p
 from vse_gym.sensing import STANDING, read_sensors, unread_sensors
 from vse_gym.sensors import FITTED, Resolution, Sensors, suite
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import Simulation, rollout, scenario
 from vse_gym.types import CHANNELS, WHEELS, Y_SIDESLIP, Y_SPEED
 
 DT = 0.01
@@ -193,3 +194,13 @@ def test_published_suites_read_what_they_always_read(name, digest):
     u, y, _ = readings(suite(name).record(600, DT, 1), STATE, p.Inputs(0.03, np.full(4, 100.0), np.full(4, 900.0)))
     rounded = np.round(np.column_stack((u, y[:, ABOARD])), 9) + 0.0  # 9 digits: libm's last bit may differ by platform
     assert hashlib.blake2b(rounded.tobytes(), digest_size=8).hexdigest() == digest
+
+
+def test_a_copy_made_in_mid_drive_hears_the_same_late_readings():
+    drive = Simulation(scenario("held_steer", sensors="harsh+optical", duration=1.0), "zero")
+    drive.reset(2)
+    for _ in range(40):
+        drive.step()
+    twin = copy.deepcopy(drive)
+    for _ in range(20):
+        np.testing.assert_array_equal(drive.step().reading.y, twin.step().reading.y)
