@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import vse_gym.sensors
 from vse_gym.sensors import FITTED, SUITES, Resolution, Sensors, stream, suite
 from vse_gym.simulation import rollout, scenario
 
@@ -75,6 +76,19 @@ def test_an_offset_is_the_same_whatever_else_is_wrong(off):
     full, less = (Sensors(growth=2.0, **settings).record(2000, DT, 4).added for settings in (everything, without))
     np.testing.assert_allclose(full - less, alone, atol=1e-12)  # sums of numbers up to 10, in another order
     assert alone.any()
+
+
+@pytest.mark.parametrize("law", [{"alpha": 1.3}, {"alpha": 2.0, "freedom": 3.0}], ids=lambda x: list(x)[-1])
+def test_no_stream_serves_twice(law, monkeypatch):
+    made = []
+
+    def spy(seed, name):
+        made.append(name)
+        return stream(seed, name)
+
+    monkeypatch.setattr(vse_gym.sensors, "stream", spy)
+    replace(HARSH, burst_rate=1.0, **law).record(10, DT, 0)
+    assert len(set(made)) == len(made) >= 12  # noise, inputs, two of silence, four kinds twice
 
 
 @pytest.mark.parametrize("name", ["harsh", "cauchy_gaussian", "outliers", "dropout"])

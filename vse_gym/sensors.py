@@ -224,7 +224,7 @@ SUITES: dict[str, Sensors] = {
     "late": Sensors(QUIET, delay=0.04),
     # An old car with a cheap cluster: everything at once, each in moderation. The Cauchy share of 10 % puts 1.7 % of
     # readings beyond three sigmas, where measured cars lie between 0.3 and 6 %; biases as in `biased`, drop-outs as in
-    # `dropout`; ranges and steps of 10-bit messages on a production car's bus; walk and delay are chosen.
+    # `dropout`; ranges and steps of a production car's 10-bit messages (opendbc, Toyota); walk and delay are chosen.
     "harsh": Sensors(
         LOUD,
         alpha=1.75,
