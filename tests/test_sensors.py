@@ -1,36 +1,24 @@
-"""Each noise law against its own density and figures, and the promise that a seed decides everything."""
+"""Sets of sensors: what their settings and their names add to the truth, and which settings cannot be."""
 
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import stats
 
-from vse_gym.physics import parameters as p
+from vse_gym.models import DataSheet, Nominal
+from vse_gym.noise import contamination, growing_sigma
 from vse_gym.registry import UnknownNameError
-from vse_gym.sensors import (
-    LOUD,
-    QUIET,
-    SUITES,
-    Sensors,
-    cauchy_gaussian,
-    contamination,
-    episodes,
-    read_sensors,
-    stream,
-    suite,
-)
-from vse_gym.simulation import rollout, scenario
+from vse_gym.sensors import FITTED, LOUD, QUIET, Resolution, Sensors, suite
 from vse_gym.types import CHANNELS
+from vse_gym.vehicles import load
 
 DT = 0.01
 DEG = np.pi / 180
 SEEDS = [0, 1, 2]
 IMU = slice(0, 3)  # accelerometers and gyro
+ABOARD = slice(0, FITTED)  # what every car has
 BIASED = Sensors(noise=False, acceleration_bias=0.3, yaw_rate_bias=0.005)
-every_suite = pytest.mark.parametrize("name", SUITES)
 
 
 def mixture(alpha, scale):
@@ -51,39 +39,6 @@ def runs(flags):
     return edges[1::2] - edges[::2]
 
 
-def test_the_contamination_runs_from_all_cauchy_to_all_gaussian():
-    assert contamination(1) == 1
-    assert contamination(2) == 0
-    assert contamination(1.3) == pytest.approx((4 - 1.69) / 5.07, rel=1e-12)
-
-
-@given(st.floats(1, 2), st.floats(1, 2))
-def test_heavier_tails_mean_more_contamination(one, other):
-    heavier, lighter = sorted((one, other))
-    assert 1 >= contamination(heavier) >= contamination(lighter) >= 0
-
-
-@pytest.mark.parametrize("alpha", [0.999, 2.001, -1.5, float("nan"), float("inf")])
-def test_an_alpha_outside_one_to_two_is_refused(alpha):
-    with pytest.raises(ValueError, match="alpha"):
-        contamination(alpha)
-    with pytest.raises(ValueError, match="alpha"):
-        Sensors(alpha=alpha)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("alpha", [1.0, 1.3, 1.5, 1.9, 2.0])
-@pytest.mark.parametrize("scale", [1.0, 0.05])
-def test_draws_follow_the_cauchy_gaussian_density(alpha, scale, seed):
-    draws = cauchy_gaussian(alpha, scale, (100_000,), np.random.default_rng(seed))
-    assert_follows(draws, mixture(alpha, scale))
-
-
-def test_the_core_has_the_variance_that_a_kalman_filter_is_told():
-    draws = cauchy_gaussian(2.0, 0.7, (100_000,), np.random.default_rng(0))
-    assert draws.var() == pytest.approx(2 * 0.7**2, rel=0.02)  # a variance of n normal draws spreads by sqrt(2/n)
-
-
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("alpha", [1.3, 1.5, 1.9])
 @pytest.mark.parametrize("sheet", [QUIET, LOUD])
@@ -91,6 +46,37 @@ def test_heavy_tails_have_the_sheets_core(sheet, alpha, seed):
     added = Sensors(sheet, alpha=alpha).record(30_000, DT, seed).added
     for channel, sigma in enumerate((sheet.acceleration, sheet.acceleration, sheet.yaw_rate)):
         assert_follows(added[:, channel], mixture(alpha, sigma / np.sqrt(2)))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_other_rule_for_alpha_is_another_share(seed):
+    one, other = (Sensors(alpha=1.3, alpha_rule=rule).record(30_000, DT, seed) for rule in ("published", "log_moment"))
+    share = contamination(1.3, "log_moment")
+    cdf = lambda x: share * stats.cauchy(scale=0.05 / np.sqrt(2)).cdf(x) + (1 - share) * stats.norm(scale=0.05).cdf(x)  # noqa: E731
+    assert_follows(other.added[:, 1], cdf)
+    differ = (one.added != other.added).any(axis=0)
+    assert differ[IMU].all() and not differ[3:].any()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("freedom", [1.0, 3.0])
+@pytest.mark.parametrize("sheet", [QUIET, LOUD])
+def test_students_noise_has_the_sheets_sigma_for_its_scale(sheet, freedom, seed):
+    added = Sensors(sheet, freedom=freedom).record(30_000, DT, seed).added
+    for channel, sigma in enumerate((sheet.acceleration, sheet.acceleration, sheet.yaw_rate)):
+        assert_follows(added[:, channel], stats.t(freedom, scale=sigma).cdf)
+    np.testing.assert_array_equal(added[:, 3:], Sensors(sheet).record(30_000, DT, seed).added[:, 3:])
+
+
+@pytest.mark.parametrize("law", [{}, {"alpha": 1.3}, {"freedom": 3.0}], ids=str)
+def test_growing_noise_is_the_same_noise_times_its_growth(law):
+    sensors = Sensors(**law, growth=6.0, growing=(2.0, 8.0), acceleration_bias=0.3)
+    offset = replace(sensors, noise=False).record(1001, DT, 3).added
+    grown, plain = (s.record(1001, DT, 3).added - offset for s in (sensors, replace(sensors, growth=1.0)))
+    factor = np.ones((1001, len(CHANNELS)))
+    factor[:, IMU] = growing_sigma(DT * np.arange(1001), 6.0, 2.0, 8.0)[:, None]
+    np.testing.assert_allclose(grown, plain * factor, rtol=1e-9, atol=1e-12)  # the bias is added and taken off again
+    assert factor[200, 0] == 1 and factor[800, 0] == 6
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -122,30 +108,28 @@ def test_a_bias_has_either_sign_in_each_channel_on_its_own():
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+def test_a_walking_bias_has_its_density_in_each_inertial_channel_on_its_own(seed):
+    sensors = Sensors(noise=False, acceleration_walk=0.02, yaw_rate_walk=0.003, acceleration_bias=0.3)
+    added = sensors.record(30_001, DT, seed).added
+    np.testing.assert_allclose(np.abs(added[0]), [0.3, 0.3, *8 * [0.0]])
+    steps = np.diff(added[:, IMU], axis=0) / np.sqrt(DT) / [0.02, 0.02, 0.003]
+    for channel in steps.T:
+        assert_follows(channel, stats.norm.cdf)
+    assert np.abs(np.corrcoef(steps.T) - np.eye(3)).max() < 5 / np.sqrt(30_000)  # five standard deviations
+    assert not added[:, 3:].any()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_silences_cover_the_share_of_time_that_their_rate_and_length_give(seed):
     # Episodes that begin at random and may overlap leave exp(-rate mean length) of the time untouched. 1000 episodes
     # a channel spread by 3 %, seven channels by 1.3 %.
     rate, shortest, longest = 0.5, 0.05, 0.2
     silent = Sensors(silence_rate=rate, silence=(shortest, longest)).record(200_000, DT, seed).silent
     expected = -np.expm1(-rate * (shortest + longest) / 2)
-    assert silent.mean() == pytest.approx(expected, rel=0.05)
     assert silent.shape[1] == len(CHANNELS)
-    assert silent[:, 7:].all()  # not on board
-    silent = silent[:, :7]
-    np.testing.assert_allclose(silent.mean(axis=0), expected, rtol=0.15)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_episodes_last_as_long_as_they_may(seed):
-    hit = episodes(0.05, 0.05, 0.2, 20_000, 20, DT, np.random.default_rng(seed))
-    lengths = np.concatenate([runs(column != 0) for column in hit.T])
-    assert lengths.size > 100
-    # The end of the record may cut one a channel short; an overlap, 1 % here, makes one longer.
-    assert np.mean(lengths >= 5) > 0.97
-    assert np.mean(lengths <= 20) > 0.97
-    # Uniform from 5 to 20 steps: mean 12.5, spread 4.3, of some 200.
-    assert lengths.mean() == pytest.approx(12.5, abs=1.5)
-    assert {5, 6, 19, 20} <= set(range(lengths.min(), lengths.max() + 1))
+    assert silent[:, FITTED:].all()  # not on board
+    assert silent[:, ABOARD].mean() == pytest.approx(expected, rel=0.05)
+    np.testing.assert_allclose(silent[:, ABOARD].mean(axis=0), expected, rtol=0.15)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -162,16 +146,14 @@ def test_bursts_come_as_often_as_asked_with_either_sign_and_the_given_size(seed)
     assert not added[:, 3:].any()
 
 
-def test_no_rate_means_no_episode():
-    record = SUITES["gaussian"].record(10_000, DT, 0)
-    assert not record.silent.any()
-    assert not episodes(0.0, 0.05, 0.1, 1000, 7, DT, np.random.default_rng(0)).any()
+def test_no_rate_means_no_silence():
+    assert not suite("gaussian").record(10_000, DT, 0).silent[:, ABOARD].any()
 
 
 def spread(name, seed=0):
     """Standard deviation of what a suite adds to each channel, to the steering angle and to the brakes."""
     record = suite(name).record(20_000, DT, seed)
-    return [*record.added.std(axis=0), record.steer.std(), record.brake.std()]
+    return [*record.added[:, ABOARD].std(axis=0), record.steer.std(), record.brake.std()]
 
 
 @pytest.mark.parametrize(
@@ -207,7 +189,7 @@ def test_the_biased_suite_is_off_by_its_biases():
 
 def test_the_dropout_suite_silences_each_channel_once_in_two_seconds():
     silent = suite("dropout").record(200_000, DT, 0).silent
-    lengths = [runs(column) for column in silent.T]
+    lengths = [runs(column) for column in silent[:, ABOARD].T]
     # 1000 in 2000 s, of which 5 % run into the one before; shorter and longer ones are cut or joined.
     assert all(len(channel) / 2000 == pytest.approx(0.5, rel=0.15) for channel in lengths)
     assert np.mean(np.concatenate(lengths) >= 5) > 0.99
@@ -225,130 +207,86 @@ def test_the_outlier_suite_has_a_burst_a_second_and_channel():
         assert inside.std() == pytest.approx(sigma[channel], rel=0.05)
 
 
-def readings(record, state, inputs=None):
-    """All readings of a record at one state, (steps, 9), (steps, 7) and what was last heard, (steps, 7)."""
-    inputs = inputs or p.Inputs(0.0, np.zeros(4), np.zeros(4))
-    heard, rows = np.zeros(10), []
-    for step in range(len(record.added)):
-        u, y, heard = read_sensors(record, step, state, inputs, heard)
-        rows.append((u, y, heard))
-    return tuple(map(np.array, zip(*rows, strict=True)))
+def test_the_growing_suite_is_quiet_at_first_and_louder_than_the_loud_one_at_last():
+    added = suite("growing").record(100_000, DT, 0).added
+    for channel, quiet, loud, times in ((0, 0.05, 0.3, 10 / 3), (2, 0.1 * DEG, 1.0 * DEG, 2)):
+        assert added[:200, channel].std() == pytest.approx(quiet, rel=0.25)  # 200 draws: five times 5 %
+        assert added[800:, channel].std() == pytest.approx(times * loud, rel=0.02)  # 100 000: five times 0.2 %
+    assert suite("growing").sheet == QUIET  # which is what estimators go on being told
 
 
-STATE = 0.1 * np.arange(1.0, p.STATE_SIZE + 1)  # within every range
-TRUE_Y = np.concatenate((STATE[[p.AX, p.AY, p.YAW_RATE]], STATE[p.WHEEL_SPEEDS]))  # of what is on board
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_readings_stop_at_the_sensors_range(seed):
-    sensors = replace(suite("cauchy_gaussian"), acceleration_range=3.0, yaw_rate_range=0.2)
-    _, y, _ = readings(sensors.record(2000, DT, seed), np.zeros(p.STATE_SIZE))
-    for channel, limit in enumerate((3.0, 3.0, 0.2)):
-        assert y[:, channel].max() == limit
-        assert y[:, channel].min() == -limit
-
-
-def test_clean_readings_are_the_truth():
-    inputs = p.Inputs(0.03, np.array([1.0, 2.0, 3.0, 4.0]), np.array([5.0, 6.0, 7.0, 8.0]))
-    u, y, heard = readings(suite("clean").record(50, DT, 0), STATE, inputs)
-    assert np.all(y[:, :7] == TRUE_Y) and np.isnan(y[:, 7:]).all()
-    assert np.all(heard[:, :7] == TRUE_Y) and not heard[:, 7:].any()
-    assert np.all(u == [0.03, *inputs.brake, *inputs.drive])
-
-
-def test_a_clean_drive_reads_what_happened():
-    log = rollout(scenario("held_steer", sensors="clean", duration=1.0), "zero", "esc", 0)
-    true = np.column_stack((log.truth[:, [p.AX, p.AY, p.YAW_RATE]], log.truth[:, p.WHEEL_SPEEDS]))
-    np.testing.assert_array_equal(log.readings[:, :7], true)
-    np.testing.assert_array_equal(log.inputs[:, 0], log.steer)
-    np.testing.assert_array_equal(log.inputs[:, 1:5], log.brake)
-
-
-def test_a_silent_channel_says_nothing_and_its_last_word_is_kept():
-    record = Sensors(silence_rate=3.0).record(3000, DT, 0)
-    _, y, heard = readings(record, STATE)
-    np.testing.assert_array_equal(np.isnan(y), record.silent)
-    spoken = np.where(record.silent, 0.0, np.append(TRUE_Y, np.zeros(3)) + record.added)
-    last = np.maximum.accumulate(np.where(record.silent, -1, np.arange(3000)[:, None]), axis=0)
-    expected = np.where(last < 0, 0.0, np.take_along_axis(spoken, np.maximum(last, 0), axis=0))
-    np.testing.assert_array_equal(heard, expected)
-
-
-@every_suite
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_seed_gives_the_same_record_bit_for_bit(name, seed):
-    one, other = (suite(name).record(1000, DT, seed) for _ in range(2))
-    for a, b in zip(one, other, strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
-@every_suite
-def test_another_seed_gives_other_noise(name):
-    one, other = (suite(name).record(1000, DT, seed) for seed in (0, 1))
-    same = (one.added == other.added).all() and (one.steer == other.steer).all()
-    assert same == (not suite(name).noise)
-
-
-def test_what_goes_wrong_does_not_change_the_noise_beneath():
-    plain, silenced, rough = (suite(name).record(1000, DT, 5) for name in ("gaussian", "dropout", "outliers"))
-    np.testing.assert_array_equal(plain.added, silenced.added)
-    difference = np.abs(rough.added - plain.added) / [8.0, 8.0, 30 * DEG, *7 * [1]]
-    np.testing.assert_allclose(difference, np.rint(difference), atol=1e-12)  # nothing, or one whole burst
-    assert set(np.rint(difference[:, IMU]).ravel()) == {0.0, 1.0}
-    assert not difference[:, 3:].any()
-
-
-def unit_noise(sensors, record):
-    """Everything random in a record that is a number, over its sigma, (steps, 12)."""
-    sheet = sensors.sheet
-    sigma = [sheet.acceleration] * 2 + [sheet.yaw_rate] + [sheet.wheel_speed] * 4 + [sheet.steer] + [sheet.brake] * 4
-    return np.column_stack((record.added, record.steer, record.brake)) / sigma
-
-
-@pytest.mark.parametrize("name", ["gaussian", "loud"])
-def test_no_draw_serves_twice_and_channels_are_not_correlated(name):
-    n, sensors = 20_000, suite(name)
-    both = np.column_stack([unit_noise(sensors, sensors.record(n, DT, seed)) for seed in (7, 8)])
-    correlation = np.corrcoef(both.T) - np.eye(both.shape[1])
-    assert np.abs(correlation).max() < 5 / np.sqrt(n)  # five standard deviations, for 276 pairs
-    assert np.unique(np.round(both, 10)).size > 0.999 * both.size  # of 480 000 numbers some 10 agree by chance
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-@every_suite
-def test_an_estimators_generator_repeats_no_sensors_draws(name, seed):
-    steps, sensors = 2000, suite(name)
-    record = sensors.record(steps, DT, seed)
-    sensed = unit_noise(sensors, record)
-    for shape in ((steps, 12), (steps, 7), (steps, 5), (steps, 3), (steps,)):  # whatever it asks for first
-        drawn = stream(seed, "estimator").standard_normal(shape)
-        assert np.intersect1d(np.round(drawn, 12), np.round(sensed[sensed != 0], 12)).size < 3
-    quiet = stream(seed, "estimator").random((steps, 7))
-    begins = record.silent & ~np.roll(record.silent, 1, axis=0)
-    if begins.any():  # drop-outs begin where a small uniform number was drawn
-        assert quiet[begins].mean() > 0.3
-
-
-def test_streams_differ_by_seed_and_by_name():
-    firsts = {stream(seed, name).integers(2**63) for seed in range(50) for name in ("estimator", "sensors/noise", "a")}
-    assert len(firsts) == 150
+def test_the_harsh_suite_is_loud_at_its_core_with_tails_like_a_real_cars():
+    sensors = suite("harsh")
+    offset = replace(sensors, noise=False).record(200_000, DT, 0).added
+    for channel, sigma in ((0, LOUD.acceleration), (2, LOUD.yaw_rate)):
+        noise = (sensors.record(200_000, DT, 0).added - offset)[:, channel]
+        assert_follows(noise, mixture(1.75, sigma / np.sqrt(2)))
+        beyond = np.abs(noise) > 3 * np.median(np.abs(noise)) / 0.6745
+        assert 0.003 < beyond.mean() < 0.06  # cars measured beyond three sigmas: 0.3 to 6 %
 
 
 @pytest.mark.parametrize("field", [f.name for f in fields(Sensors) if isinstance(f.default, float)])
-@pytest.mark.parametrize("wrong", [-0.1, float("nan")])
-def test_a_negative_setting_is_refused_by_name(field, wrong):
+@pytest.mark.parametrize("wrong", [-0.1, float("nan"), "much"])
+def test_a_setting_that_is_no_number_or_negative_is_refused_by_name(field, wrong):
     with pytest.raises(ValueError, match=field):
         Sensors(**{field: wrong})
 
 
 @pytest.mark.parametrize("field", [f.name for f in fields(Sensors) if type(f.default) is tuple])
-def test_a_negative_duration_is_refused_by_name(field):
+@pytest.mark.parametrize("wrong", [(-0.1, 0.2), (0.3, 0.2), (0.1, float("inf")), (0.1,), 0.1, ("a", "b")])
+def test_a_time_span_that_cannot_be_is_refused_by_name(field, wrong):
     with pytest.raises(ValueError, match=field):
-        Sensors(**{field: (-0.1, 0.2)})
+        Sensors(**{field: wrong})
+
+
+@pytest.mark.parametrize("field", Resolution._fields)
+@pytest.mark.parametrize("wrong", [-0.1, float("nan"), float("inf")])
+def test_a_resolution_that_cannot_be_is_refused_by_name(field, wrong):
+    with pytest.raises(ValueError, match=f"resolution.{field}"):
+        Sensors(resolution=Resolution(**{field: wrong}))
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"alpha": 1.5, "freedom": 3.0}, "two laws of one noise"),
+        ({"freedom": 0.5}, "at least 1"),
+        ({"alpha_rule": "best"}, "one of published, log_moment"),
+        ({"growing": (2.0, 2.0)}, "growing takes time"),
+        ({"resolution": 0.1}, "must be a Resolution"),
+        ({"resolution": Resolution(acceleration=50.0)}, "acceleration_range must be positive and wider"),
+        ({"yaw_rate_range": 0.0}, "yaw_rate_range must be positive"),
+        ({"sheet": (0.1, 0.1, 0.1, 0.1, 0.1)}, "sheet must be a DataSheet"),
+    ],
+    ids=str,
+)
+def test_settings_that_contradict_each_other_are_refused_with_a_sentence(settings, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        Sensors(**settings)
+
+
+@pytest.mark.parametrize("field", DataSheet._fields)
+@pytest.mark.parametrize("wrong", [-0.1, float("inf")])
+def test_neither_sensors_nor_estimators_take_a_data_sheet_that_cannot_be(field, wrong):
+    sheet = QUIET._replace(**{field: wrong})
+    with pytest.raises(ValueError, match=rf"sheet\.{field} must be"):
+        Sensors(sheet)
+    with pytest.raises(ValueError, match=rf"sheet\.{field} must be"):
+        Nominal(load("qin2014"), sheet, 20.0)
+
+
+@pytest.mark.parametrize("field", DataSheet._fields)
+def test_only_sensors_that_a_car_may_lack_have_no_sigma(field):
+    sheet = QUIET._replace(**{field: float("nan")})
+    if field in ("speed", "sideslip", "roll_rate"):
+        assert Sensors(sheet).record(1, DT, 0).silent[0, CHANNELS.index(field)]
+    else:
+        with pytest.raises(ValueError, match=rf"sheet\.{field} must be"):
+            Sensors(sheet)
 
 
 def test_an_unknown_suite_is_told_the_known_ones():
-    with pytest.raises(UnknownNameError, match=r"gaussian.*outliers"):
+    with pytest.raises(UnknownNameError, match=r"'perfect'; known: clean, gaussian.*harsh, each also with \+optical"):
         suite("perfect")
 
 

@@ -38,7 +38,7 @@ def list_names() -> None:
     """Everything that has a name: estimators, controllers, manoeuvres, vehicles, sensor suites, studies."""
     from vse_gym import vehicles
     from vse_gym.evaluation import study_names
-    from vse_gym.sensors import SUITES
+    from vse_gym.sensors import EXTRAS, SUITES
 
     kinds: dict[str, Registry[Any]] = {"estimator": ESTIMATORS, "controller": CONTROLLERS, "manoeuvre": MANOEUVRES}
     table = Table("kind", "name", "what it is")
@@ -46,7 +46,8 @@ def list_names() -> None:
         for name in registry:
             table.add_row(kind, name, _first_sentence(registry[name]))
         table.add_section()
-    for kind, names in (("vehicle", vehicles.names()), ("sensors", list(SUITES)), ("study", study_names())):
+    suites = [*SUITES, *(f"<any of these>+{extra}" for extra in EXTRAS)]
+    for kind, names in (("vehicle", vehicles.names()), ("sensors", suites), ("study", study_names())):
         for name in names:
             table.add_row(kind, name, "")
         table.add_section()
@@ -59,7 +60,7 @@ def run(
     estimator: Annotated[str, typer.Option(help="What the controller sees the car through.")] = "ekf",
     controller: Annotated[str, typer.Option(help="Who brakes.")] = "esc",
     vehicle: Annotated[str, typer.Option(help="A name, or the path of a TOML file.")] = "qin2014_understeer",
-    sensors: Annotated[str, typer.Option(help="Sensor suite.")] = "gaussian",
+    sensors: Annotated[str, typer.Option(help="Sensor suite; loud+optical has an optical sensor too.")] = "gaussian",
     friction: Annotated[float | None, typer.Option(help="Of the road; without it the manoeuvre's own.")] = None,
     speed_kmh: Annotated[float | None, typer.Option(help="At the start [km/h].")] = None,
     amplitude_deg: Annotated[float | None, typer.Option(help="Of the hand wheel, where there is one [deg].")] = None,

@@ -58,7 +58,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         manoeuvre: A name from the catalogue or an instance.
         estimator: The same.
         vehicle: A name, a TOML file's path or a Vehicle: the true car.
-        sensors: A suite's name or Sensors.
+        sensors: A suite's name, with extra sensors after a plus ("loud+optical"), or Sensors.
         friction: Of the road at the start; None: the manoeuvre's own.
         observation: "estimate", "truth" or "reading".
         action: "brakes" or "yaw_moment".

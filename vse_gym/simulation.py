@@ -20,8 +20,9 @@ from vse_gym.physics.brakes import BrakeUnit, brake_torques, released_brakes
 from vse_gym.physics.double_track import advance, road_friction, rolling_start
 from vse_gym.physics.reference import advance_reference
 from vse_gym.registry import UnknownNameError
-from vse_gym.sensors import NoiseRecord, Sensors, read_sensors, stream, suite
-from vse_gym.types import CHANNELS, NO_BRAKE, NO_TORQUE, WHEELS, Array, BrakeDemand, Car, Estimate, Log, Reading
+from vse_gym.sensing import NoiseRecord, read_sensors, unread_sensors
+from vse_gym.sensors import Sensors, stream, suite
+from vse_gym.types import CHANNELS, NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Car, Estimate, Log, Reading
 from vse_gym.vehicles import load
 
 SPIN = math.radians(80)  # sideslip beyond which a drive is over
@@ -96,7 +97,7 @@ def fitting_integrator(vehicle: p.Vehicle) -> str:
 
 
 @compiled
-def next_row(constants, runge_kutta, substeps, h, memory, state, heard, steer, held, velocity, k):
+def next_row(constants, runge_kutta, substeps, h, memory, state, sensed, steer, held, velocity, k):
     """One row's way from a demand to the next reading: brake unit, plant, sensors, in one call.
 
     Three calls would pass the same arrays three times.
@@ -108,24 +109,24 @@ def next_row(constants, runge_kutta, substeps, h, memory, state, heard, steer, h
         h: [s].
         memory: Of the brake unit, (1 + delay steps, 4).
         state: Of the plant, (STATE_SIZE,).
-        heard: Last valid value of each channel, (10,).
+        sensed: Memory of the sensors, (1 + delay steps, 10); its first row is the last valid value of each channel.
         steer: Road-wheel angle [rad].
         held: The driver's drive and brake torques, what is added and released, (4, 4).
         velocity: Estimated vx, vy, yaw rate.
         k: Step of the reading.
 
     Returns:
-        memory, state, u (9,), y (10,), heard, as they are at step k.
+        memory, state, u (9,), y (10,), sensed, as they are at step k.
     """
     unit, geometry, vehicle, road, record = constants.value
-    memory = brake_torques(unit, geometry, memory, held[1], held[2], held[3], heard, velocity, steer, substeps * h)
+    memory = brake_torques(unit, geometry, memory, held[1], held[2], held[3], sensed[0], velocity, steer, substeps * h)
     inputs = p.Inputs(steer + vehicle.steering_offset, held[0], memory[0])
     if runge_kutta:
         state = advance_reference(vehicle, road, state, inputs, substeps, h)
     else:
         state = advance(vehicle, road, state, inputs, substeps, h)
-    u, y, heard = read_sensors(record, k, state, p.Inputs(steer, held[0], memory[0]), heard)
-    return memory, state, u, y, heard
+    u, y, sensed = read_sensors(record, k, state, p.Inputs(steer, held[0], memory[0]), sensed)
+    return memory, state, u, y, sensed
 
 
 def scenario(
@@ -143,7 +144,7 @@ def scenario(
     Args:
         manoeuvre: A name from the catalogue, which ``settings`` go to, or an instance.
         vehicle: A name, the path of a TOML file, or a Vehicle: the true car.
-        sensors: The name of a suite, or Sensors.
+        sensors: The name of a suite, with extra sensors after a plus ("loud+optical"), or Sensors.
         nominal: What estimators and controllers are told, if it shall differ.
         plant: What moves the car: "double_track", or "commonroad_mb" for one of CommonRoad's cars.
         settings: Of the manoeuvre, in SI units: speed, friction, amplitude, ...
@@ -195,10 +196,15 @@ class Simulation:
         self._unit = released_brakes(s.brake_unit, s.dt)
         self.hand_wheel, self.steer = 0.0, 0.0
         rest = p.Inputs(0.0, NO_TORQUE, NO_TORQUE)
-        silent = np.zeros(len(CHANNELS))
-        silent[WHEELS] = self.state[p.WHEEL_SPEEDS]  # a sensor unheard of is no locked wheel
-        u, y, self.heard = read_sensors(self.record, 0, self.state, rest, silent)
+        self._sensed: Array = unread_sensors(self.record.delay, self.state)
+        u, y, self._sensed = read_sensors(self.record, 0, self.state, rest, self._sensed)
         return self._sense(Reading(0.0, u, y))
+
+    @property
+    def heard(self) -> Array:
+        """Last valid value of each channel, (10,)."""
+        heard: Array = self._sensed[0]
+        return heard
 
     @property
     def time(self) -> float:
@@ -237,14 +243,14 @@ class Simulation:
         if self._multibody is not None:
             u, y = self._next_row(self._multibody, steer, held, velocity)
             return self._sense(Reading(self.time, u, y))
-        self._unit, self.state, u, y, self.heard = next_row(
+        self._unit, self.state, u, y, self._sensed = next_row(
             self._constants,
             s.integrator == "runge_kutta",
             s.substeps,
             s.substep,
             self._unit,
             self.state,
-            self.heard,
+            self._sensed,
             steer,
             held,
             velocity,
@@ -266,7 +272,7 @@ class Simulation:
         else:
             self._bodies = bodies
         told = inputs._replace(steer=steer)
-        u, y, self.heard = read_sensors(self.record, self.k, self.state, told, self.heard)
+        u, y, self._sensed = read_sensors(self.record, self.k, self.state, told, self._sensed)
         return u, y
 
     def _sense(self, reading: Reading) -> Frame:

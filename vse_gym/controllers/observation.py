@@ -32,8 +32,10 @@ MOTION = (
     Feature("yaw_rate_std", 0, 1),
 )
 COMMAND = (Feature("steer", -1, 1), Feature("reference_yaw_rate", -2, 2))
-_RANGES = (25.0, 25.0, 6.0, 300.0, 300.0, 300.0, 300.0, 80.0, np.pi, 5.0)
-HELD = tuple(Feature(name, -r, r) for name, r in zip(CHANNELS, _RANGES, strict=True))
+_RANGES = (25.0, 25.0, 6.0, 300.0, 300.0, 300.0, 300.0, 80.0, np.pi, 6.0)
+HELD = tuple(  # 0 where not on board
+    Feature(name, 0.0 if name == "speed" else -r, r) for name, r in zip(CHANNELS, _RANGES, strict=True)
+)
 VALID = tuple(Feature(f"{name}_valid", 0, 1) for name in CHANNELS)
 
 LAYOUTS: dict[str, tuple[Feature, ...]] = {

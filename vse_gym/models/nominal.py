@@ -20,12 +20,32 @@ class DataSheet(NamedTuple):
     roll_rate: float = math.nan  # [rad/s]
 
 
+def check_sheet(sheet: DataSheet) -> DataSheet:
+    """The data sheet itself, if it can be one.
+
+    Raises:
+        ValueError: If a number cannot be; the message names it.
+    """
+    if not isinstance(sheet, DataSheet):
+        raise ValueError(f"sheet must be a DataSheet, not {sheet!r}")
+    for name, sigma in sheet._asdict().items():
+        if name in DataSheet._field_defaults:
+            possible, expected = sigma != sigma or 0 < sigma < math.inf, "positive, or NaN: not on board"
+        elif name in ("steer", "brake"):
+            possible, expected = 0 <= sigma < math.inf, "finite and not negative"
+        else:
+            possible, expected = 0 < sigma < math.inf, "finite and positive: a filter divides by it"
+        if not possible:
+            raise ValueError(f"sheet.{name} must be {expected}, not {sigma}")
+    return sheet
+
+
 @dataclass(frozen=True)
 class Nominal:
     """What estimators and controllers are told. Different from the truth on purpose.
 
     Raises:
-        ValueError: If the vehicle, friction, speed or dt cannot be.
+        ValueError: If the vehicle, the data sheet, friction, speed or dt cannot be.
     """
 
     vehicle: Vehicle
@@ -36,6 +56,7 @@ class Nominal:
 
     def __post_init__(self) -> None:
         check_vehicle(self.vehicle)
+        check_sheet(self.sheet)
         if not 0 < self.friction <= 2:
             raise ValueError(f"friction must lie in (0, 2], not {self.friction}")
         if not (0 < self.dt < math.inf and 0 <= self.speed < math.inf):
