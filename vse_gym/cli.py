@@ -1,16 +1,19 @@
-"""The command line: list, run, bench."""
+"""The command line: list, run, bench; the other commands have files of their own."""
 
+import math
 import sys
 import time
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from vse_gym import cli_check, cli_procedures
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
+from vse_gym.cli_screen import bars, first_sentence, mark, refuse, screen, sentences
 from vse_gym.registry import Registry
 
 app = typer.Typer(
@@ -19,37 +22,56 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",  # otherwise a paragraph of help keeps the line breaks of the source
 )
-screen = Console()
 
 
-def _refuse(error: Exception) -> typer.Exit:
-    """A mistake of the user is a sentence, not a traceback."""
-    Console(stderr=True).print(f"[red]error:[/red] {escape(str(error))}", highlight=False)
-    return typer.Exit(2)
+def _head_comment(path: Path) -> str:
+    """The comment at the head of a file, to the end of the line that ends a sentence."""
+    said: list[str] = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#") or (said and said[-1].endswith(".")):
+            break
+        said.append(line.removeprefix("#").strip())
+    return " ".join(said)
 
 
-def _first_sentence(thing: Any) -> str:
-    return (thing.__doc__ or "").strip().split("\n")[0]
+def _differs(suite: Any) -> str:
+    """What a sensor suite is: the core of its noise, and each setting that is not the default."""
+    usual, sheet = type(suite)(), suite.sheet
+    said = [f"sigma {sheet.acceleration:g} m/s2, {math.degrees(sheet.yaw_rate):g} deg/s" if suite.noise else "no noise"]
+    for field in fields(suite):
+        value = getattr(suite, field.name)
+        if value == getattr(usual, field.name) or field.name in ("sheet", "noise"):
+            continue
+        name, degrees = field.name.replace("_", " "), "yaw_rate" in field.name
+        if isinstance(value, float):
+            name += f" {math.degrees(value):g} deg" if degrees else f" {value:g}"
+        said.append(name)
+    return "; ".join(said)
 
 
 @app.command("list")
 def list_names() -> None:
     """Everything that has a name: estimators, controllers, manoeuvres, vehicles, sensor suites, studies."""
     from vse_gym import vehicles
-    from vse_gym.evaluation import study_names
+    from vse_gym.evaluation import STUDIES, study_names
     from vse_gym.sensors import SUITES
 
     kinds: dict[str, Registry[Any]] = {"estimator": ESTIMATORS, "controller": CONTROLLERS, "manoeuvre": MANOEUVRES}
     table = Table("kind", "name", "what it is")
     for kind, registry in kinds.items():
         for name in registry:
-            table.add_row(kind, name, _first_sentence(registry[name]))
+            table.add_row(kind, name, escape(first_sentence(registry[name])))
         table.add_section()
-    for kind, names in (("vehicle", vehicles.names()), ("sensors", list(SUITES)), ("study", study_names())):
-        for name in names:
-            table.add_row(kind, name, "")
-        table.add_section()
+    for name in vehicles.names():
+        table.add_row("vehicle", name, escape(_head_comment(vehicles.FOLDER / f"{name}.toml")))
+    table.add_section()
+    for name, suite in SUITES.items():
+        table.add_row("sensors", name, _differs(suite))
+    table.add_section()
+    for name in study_names():
+        table.add_row("study", name, escape(_head_comment(STUDIES / f"{name}.toml")))
     screen.print(table)
 
 
@@ -72,34 +94,32 @@ def run(
     from vse_gym.simulation import rollout, scenario
 
     given: dict[str, Any] = {"friction": friction, "speed_kmh": speed_kmh, "amplitude_deg": amplitude_deg}
-    try:
+    with sentences():
         drive = scenario(manoeuvre, vehicle, sensors, **si({k: v for k, v in given.items() if v is not None}))
         log = rollout(drive, estimator, controller, seed)
-    except (KeyError, ValueError, TypeError) as error:
-        raise _refuse(error) from None
     if not len(log.time):
-        raise _refuse(RuntimeError(f"the drive never began: {log.ended}"))
+        raise refuse(RuntimeError(f"the drive never began: {log.ended}"))
     verdict = drive.manoeuvre.judge(log, drive.nominal)
     title = f"{manoeuvre}, {vehicle}, {controller} with {estimator}, {sensors} sensors, seed {seed}"
     table = Table("", "figure", "limit", title=escape(title), title_justify="left")
     for c in verdict.criteria:
-        mark = ("[green]ok[/green]" if c.passed else "[red]fails[/red]") if c.judged else "for information"
+        word = mark(c.passed) if c.judged else "for information"
         sign = ">=" if c.at_least else "<="
-        table.add_row(escape(c.name), f"{c.figure:.2f} {c.unit}", f"{sign} {c.limit:g} {c.unit}: {mark}")
+        table.add_row(escape(c.name), f"{c.figure:.2f} {c.unit}", f"{sign} {c.limit:g} {c.unit}: {word}")
     table.add_section()
     for name, metric in metrics.METRICS.items():
         table.add_row(name, f"{metric(log):.2f}", "")
     screen.print(table)
-    screen.print(f"verdict: {'[green]passed[/green]' if verdict.passed else '[red]failed[/red]'}")
+    screen.print(f"verdict: {mark(verdict.passed, 'passed', 'failed')}")
     if plot is not None:
         from vse_gym.picture import draw
 
         try:
             draw(log, drive, title, plot)
         except ModuleNotFoundError:
-            raise _refuse(ModuleNotFoundError("drawing needs matplotlib: pip install 'vse-gym[report]'")) from None
+            raise refuse(ModuleNotFoundError("drawing needs matplotlib: pip install 'vse-gym[report]'")) from None
         except (ValueError, OSError) as error:
-            raise _refuse(error) from None
+            raise refuse(error) from None
         screen.print(f"drawn: {escape(str(plot))}")
 
 
@@ -112,26 +132,16 @@ def bench(
     out: Annotated[Path | None, typer.Option(help="Folder for the table of runs, the summary and the figure.")] = None,
 ) -> None:
     """Drive a study and print its table, least regret first."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
     from vse_gym import report
     from vse_gym.evaluation import Study, run_study, table
 
     names = [name.strip() for name in estimators.split(",") if name.strip()] or None
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     rows: list[dict[str, Any]] = []
     begin, stopped = time.perf_counter(), False
     try:
         plan = Study.load(study)
         work = run_study(plan, names, seeds, jobs)
-        with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=screen, transient=True) as progress:
+        with bars() as progress:
             task = progress.add_task(f"{plan.name}: cells x seeds", total=len(plan.cells) * (seeds or plan.seeds))
             for part in work:
                 rows += part
@@ -139,9 +149,9 @@ def bench(
     except KeyboardInterrupt:
         stopped = True
     except (KeyError, ValueError, TypeError) as error:
-        raise _refuse(error) from None
+        raise refuse(error) from None
     if not rows:
-        raise _refuse(RuntimeError("stopped before the first cell was finished"))
+        raise refuse(RuntimeError("stopped before the first cell was finished"))
     runs = table(rows)
     title = f"{plan.name}, version {plan.version}"
     screen.print(report.on_screen(*report.cells_of(report.summary(runs), narrow=True), title=escape(title), whole=3))
@@ -157,6 +167,10 @@ def bench(
     if stopped:
         raise typer.Exit(130)
 
+
+app.command("fmvss126")(cli_procedures.fmvss126)
+app.command("entry-speed")(cli_procedures.entry_speed)
+app.command("check")(cli_check.check)
 
 if __name__ == "__main__":
     app()

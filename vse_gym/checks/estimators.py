@@ -60,8 +60,9 @@ def check_stands_still(estimator: Estimator, nominal: Nominal, readings: Sequenc
 
 def _stays_finite(estimator: Estimator, nominal: Nominal, readings: Sequence[Reading], when: str) -> None:
     for k, estimate in enumerate(Block(estimator, nominal, [readings]).drive()):
-        told = f"{who(estimator)} {when}, after reading {k}: {estimate!s:.300}"
-        require(isinstance(estimate, Estimate), f"{told}, expected an Estimate.")
+        told = f"{who(estimator)} {when}, after reading {k}"
+        require(isinstance(estimate, Estimate), f"{told}: {estimate!s:.200}, expected an Estimate.")
+        told += f": {', '.join(f'{name} = {v}' for name, v in zip(estimate._fields[:5], estimate[:5], strict=True))}"
         numbers = [value for name, value in estimate._asdict().items() if name != "cov"]
         require(all(np.ndim(value) == 0 for value in numbers), f"{told}, expected plain floats beside cov.")
         advice = "leave silent channels out, and divide by nothing that may be zero"

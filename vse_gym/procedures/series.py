@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from joblib import delayed
 
@@ -10,7 +11,7 @@ from vse_gym.catalogue import CONTROLLERS, ESTIMATORS
 from vse_gym.controllers.base import Controller
 from vse_gym.estimators.base import Estimator
 from vse_gym.manoeuvres.base import DEG, Criterion
-from vse_gym.manoeuvres.sine_with_dwell import SineWithDwell
+from vse_gym.manoeuvres.sine_with_dwell import SineWithDwell, first_peak
 from vse_gym.manoeuvres.slowly_increasing_steer import SlowlyIncreasingSteer
 from vse_gym.physics import parameters as p
 from vse_gym.procedures.drives import Progress, at_work, of_this_car, silent
@@ -18,6 +19,9 @@ from vse_gym.sensors import SUITES, Sensors, suite
 from vse_gym.simulation import rollout
 from vse_gym.types import Array
 from vse_gym.vehicles import load
+
+if TYPE_CHECKING:
+    import polars
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class SeriesRun:
     ended: str  # why the drive ended early; empty: it did not
     peak_sideslip: float  # [rad]
     brake_energy: float  # [J]
+    yaw_rate_peak: float  # first after the hand wheel's reversal, towards the second half; NaN if none [rad/s]
     time: Array = field(repr=False, compare=False)  # (T,) [s]
     hand_wheel: Array = field(repr=False, compare=False)  # (T,) [rad]
     yaw_rate: Array = field(repr=False, compare=False)  # (T,) [rad/s]
@@ -56,6 +61,23 @@ class Fmvss126:
     def peak_sideslip(self) -> float:
         """Largest of all runs [rad]."""
         return max(run.peak_sideslip for run in self.runs)
+
+    def table(self) -> "polars.DataFrame":
+        """One row per run, units in the columns' names; a criterion that is not judged is neither kept nor not."""
+        import polars
+
+        rows: list[dict[str, Any]] = []
+        for run in self.runs:
+            row: dict[str, Any] = {
+                "multiple_of_A": run.multiple,
+                "amplitude_deg": abs(run.amplitude) / DEG,
+                "first_to": "left" if run.amplitude > 0 else "right",
+            }
+            for c in run.criteria:
+                row |= {f"{c.name} [{c.unit}]": c.figure, f"{c.name}: kept": c.passed if c.judged else None}
+            row |= {"peak_sideslip_deg": run.peak_sideslip / DEG, "brake_energy_kJ": run.brake_energy / 1e3}
+            rows.append(row | {"ended": run.ended, "passed": run.passed})
+        return polars.DataFrame(rows, infer_schema_length=None)
 
 
 def series_amplitudes(a: float) -> list[float]:
@@ -129,17 +151,20 @@ def fmvss126(
 def _series_run(
     car: p.Vehicle, noise: Sensors, estimator: Estimator, law: Controller, seed: int, amplitude: float, a: float
 ) -> SeriesRun:
-    cell = of_this_car(SineWithDwell(amplitude=amplitude), car, noise)
+    test = SineWithDwell(amplitude=amplitude)
+    cell = of_this_car(test, car, noise)
     log = rollout(cell, estimator, law, seed)
     if not len(log.time):
         raise ValueError(f"the drive never began: {log.ended}")
+    against = -math.copysign(1.0, amplitude) * log.truth[:, p.YAW_RATE]
     return SeriesRun(
         amplitude=amplitude,
         multiple=abs(amplitude) / a,
-        criteria=cell.manoeuvre.verdict(log, cell.nominal).criteria,
+        criteria=test.verdict(log, cell.nominal).criteria,
         ended=log.ended,
         peak_sideslip=log.peak_sideslip,
         brake_energy=1e3 * metrics.brake_energy_kJ(log),
+        yaw_rate_peak=first_peak(log.time, against, test.begin + 0.5 / test.frequency, test.complete),
         time=log.time,
         hand_wheel=log.hand_wheel,
         yaw_rate=log.truth[:, p.YAW_RATE],
