@@ -43,7 +43,10 @@ def test_list_names_everything_and_says_what_it_is():
 
 def test_list_says_of_a_car_the_head_of_its_file_and_of_a_suite_how_it_differs():
     said = " ".join(call("list").output.replace("│", " ").split())
-    assert "so that it understeers like a production car." in said.replace("vehicle qin2014_understeer", "")
+    assert "so that it understeers like a production car." in said
+    assert "Li, Li, Cao, Trans. CSAM 45(10), 2014" in said  # an abbreviation ends no sentence
+    assert "A first look, in seconds: four drives and ten seeds. " in said
+    assert "Too few for a ranking" not in said
     assert "no noise" in said
     assert "0.05 m/s2, 0.1 deg/s; silence rate 0.5" in said
 

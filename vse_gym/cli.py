@@ -1,15 +1,17 @@
 """The command line: list, run, bench; the other commands have files of their own."""
 
 import math
+import re
 import sys
 import time
 from dataclasses import fields
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from vse_gym import cli_check, cli_procedures
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
@@ -26,14 +28,15 @@ app = typer.Typer(
 )
 
 
-def _head_comment(path: Path) -> str:
-    """The comment at the head of a file, to the end of the line that ends a sentence."""
-    said: list[str] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        if not line.startswith("#") or (said and said[-1].endswith(".")):
-            break
-        said.append(line.removeprefix("#").strip())
-    return " ".join(said)
+# The end of a sentence: a full stop before a capital, but none after a short capitalised word, as in "Trans. CSAM".
+SENTENCE_END = re.compile(r"(?<!\b[A-Z])(?<!\b[A-Z]\w{3})(?<!\b[A-Z]\w{4})\. (?=[A-Z])")
+
+
+def _head_sentence(path: Path) -> str:
+    """The first sentence of the comment at the head of a file."""
+    lines = takewhile(lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines())
+    said = " ".join(line.removeprefix("#").strip() for line in lines)
+    return SENTENCE_END.split(said + " ", maxsplit=1)[0].strip().removesuffix(".") + "." if said else ""
 
 
 def _differs(suite: Any) -> str:
@@ -59,19 +62,19 @@ def list_names() -> None:
     from vse_gym.sensors import SUITES
 
     kinds: dict[str, Registry[Any]] = {"estimator": ESTIMATORS, "controller": CONTROLLERS, "manoeuvre": MANOEUVRES}
-    table = Table("kind", "name", "what it is")
+    table = Table("kind", "name", Column("what it is", overflow="fold"))
     for kind, registry in kinds.items():
         for name in registry:
             table.add_row(kind, name, escape(first_sentence(registry[name])))
         table.add_section()
     for name in vehicles.names():
-        table.add_row("vehicle", name, escape(_head_comment(vehicles.FOLDER / f"{name}.toml")))
+        table.add_row("vehicle", name, escape(_head_sentence(vehicles.FOLDER / f"{name}.toml")))
     table.add_section()
     for name, suite in SUITES.items():
         table.add_row("sensors", name, _differs(suite))
     table.add_section()
     for name in study_names():
-        table.add_row("study", name, escape(_head_comment(STUDIES / f"{name}.toml")))
+        table.add_row("study", name, escape(_head_sentence(STUDIES / f"{name}.toml")))
     screen.print(table)
 
 
