@@ -13,6 +13,7 @@ from vse_gym.estimators.base import Estimator
 from vse_gym.manoeuvres.base import Criterion, Manoeuvre, Verdict
 from vse_gym.manoeuvres.sine_with_dwell import SineWithDwell
 from vse_gym.manoeuvres.slowly_increasing_steer import steer_at_0_3g
+from vse_gym.physics import parameters as p
 from vse_gym.procedures import entry_speed, fmvss126, measure_steer_at_0_3g, series_amplitudes
 from vse_gym.registry import UnknownNameError
 from vse_gym.simulation import rollout, scenario
@@ -253,6 +254,22 @@ def test_a_real_manoeuvre_is_clean_below_its_answer_and_not_above():
         cell = scenario("held_steer", "qin2014_understeer", "clean", speed=speed, friction=0.4)
         log = rollout(cell, "truth", "none", 0)
         assert cell.manoeuvre.judge(log, cell.nominal).passed == clean
+
+
+@dataclass(frozen=True)
+class AsFarAs(CleanUpTo):
+    """Clean if the drive covers 20 m, which takes 1 s at its own speed."""
+
+    speed: float = 20.0
+    duration: float = 1.01
+
+    def verdict(self, log, nominal):
+        return Verdict((Criterion("way", log.truth[-1, p.DISTANCE], 20.0, "m", at_least=True),))
+
+
+def test_an_instance_begun_more_slowly_covers_the_same_way():
+    found = entry_speed(AsFarAs(), "qin2014", "truth", "none", "clean", 5.0, 30.0, 1.0, 10.0)
+    assert found.searches[0].fails == math.inf
 
 
 class Raises(Estimator):

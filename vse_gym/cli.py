@@ -15,7 +15,19 @@ from rich.table import Column, Table
 
 from vse_gym import cli_check, cli_procedures
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
-from vse_gym.cli_screen import bars, first_sentence, mark, refuse, screen, sentences
+from vse_gym.cli_screen import (
+    ControllerName,
+    EstimatorName,
+    Jobs,
+    SuiteName,
+    VehicleName,
+    bars,
+    first_sentence,
+    mark,
+    refuse,
+    screen,
+    sentences,
+)
 from vse_gym.registry import Registry
 
 app = typer.Typer(
@@ -81,17 +93,21 @@ def list_names() -> None:
 @app.command()
 def run(
     manoeuvre: Annotated[str, typer.Argument(help="What is driven; `vse-gym list` names all.")],
-    estimator: Annotated[str, typer.Option(help="What the controller sees the car through.")] = "ekf",
-    controller: Annotated[str, typer.Option(help="Who brakes.")] = "esc",
-    vehicle: Annotated[str, typer.Option(help="A name, or the path of a TOML file.")] = "qin2014_understeer",
-    sensors: Annotated[str, typer.Option(help="Sensor suite.")] = "gaussian",
+    estimator: EstimatorName = "ekf",
+    controller: ControllerName = "esc",
+    vehicle: VehicleName = "qin2014_understeer",
+    sensors: SuiteName = "gaussian",
     friction: Annotated[float | None, typer.Option(help="Of the road; without it the manoeuvre's own.")] = None,
     speed_kmh: Annotated[float | None, typer.Option(help="At the start [km/h].")] = None,
     amplitude_deg: Annotated[float | None, typer.Option(help="Of the hand wheel, where there is one [deg].")] = None,
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
     plot: Annotated[Path | None, typer.Option(help="Draw the drive into this file (.png, .svg, .pdf).")] = None,
 ) -> None:
-    """Drive once and say how it went; with --plot, draw it."""
+    """Drive once and say how it went; with --plot, draw it.
+
+    The first lines are the manoeuvre's criteria with their limits, the others what the drive cost. A verdict that
+    failed is an answer, not an error: the exit code is 0.
+    """
     from vse_gym import metrics
     from vse_gym.manoeuvres.base import si
     from vse_gym.simulation import rollout, scenario
@@ -131,10 +147,14 @@ def bench(
     study: Annotated[str, typer.Argument(help="A study's name, or the path of its TOML file.")],
     estimators: Annotated[str, typer.Option(help="Comma-separated names; without it the study's own.")] = "",
     seeds: Annotated[int | None, typer.Option(min=1, help="How many; without it the study's own.")] = None,
-    jobs: Annotated[int, typer.Option(help="Processes; -1: all cores.")] = 1,
+    jobs: Jobs = 1,
     out: Annotated[Path | None, typer.Option(help="Folder for the table of runs, the summary and the figure.")] = None,
 ) -> None:
-    """Drive a study and print its table, least regret first."""
+    """Drive a study and print its table, least regret first.
+
+    Regret is what it costs to see the car through an estimate and not by its true states. Ctrl-C stops early and shows
+    what was driven until then.
+    """
     from vse_gym import report
     from vse_gym.evaluation import Study, run_study, table
 

@@ -11,10 +11,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 screen = Console()
 
-EstimatorName = Annotated[str, typer.Option("--estimator", help="What the controller sees the car through.")]
-ControllerName = Annotated[str, typer.Option("--controller", help="Who brakes; none: nobody.")]
-VehicleName = Annotated[str, typer.Option("--vehicle", help="A name, or the path of a TOML file.")]
-SuiteName = Annotated[str, typer.Option("--sensors", help="Sensor suite.")]
+EstimatorName = Annotated[
+    str, typer.Option("--estimator", help="What the controller sees the car through; `vse-gym list` names all.")
+]
+ControllerName = Annotated[str, typer.Option("--controller", help="Who brakes; `none`: nobody.")]
+VehicleName = Annotated[str, typer.Option("--vehicle", help="A name, or the path of a TOML file of your own.")]
+SuiteName = Annotated[str, typer.Option("--sensors", help="Sensor suite: how the readings lie.")]
 Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1: all cores.")]
 
 

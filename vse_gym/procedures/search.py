@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -108,7 +109,8 @@ def entry_speed(
     clean speeds of the scan goes unseen.
 
     Args:
-        manoeuvre: A name, which ``settings`` go to, or an instance; its own speed does not count.
+        manoeuvre: A name, which ``settings`` go to, or an instance, whose drives below its own speed last longer, so
+            that they cover the same way.
         vehicle: A name, the path of a TOML file, or a Vehicle; estimator and controller are told this very car.
         estimator: What the controller sees the car through.
         controller: Who brakes.
@@ -135,11 +137,12 @@ def entry_speed(
         raise ValueError(f"share must be in (0, 1], not {share}")
     if not seeds or len(set(seeds)) < len(seeds):
         raise ValueError(f"seeds must be at least one, each once, not {list(seeds)}")
-    test, car, noise = MANOEUVRES.make(manoeuvre, **settings), load(vehicle), suite(sensors)
+    begun = partial(_begun, manoeuvre, settings)
+    car, noise, _ = load(vehicle), suite(sensors), begun(low)
     eyes, law = ESTIMATORS.make(estimator), CONTROLLERS.make(controller)
 
     def attempts(plan: Sequence[tuple[float, int]], total: int) -> list[Attempt]:
-        cells = ((of_this_car(replace(test, speed=v), car, noise), seed) for v, seed in plan)
+        cells = ((of_this_car(begun(v), car, noise), seed) for v, seed in plan)
         drives = (delayed(_attempt)(cell, eyes, law, seed) for cell, seed in cells)
         return at_work(drives, jobs, progress, total, before=len(done))
 
@@ -152,6 +155,16 @@ def entry_speed(
     while plan := [(_middle(_of(done, s)), s) for s in seeds if _open(_of(done, s), tolerance)]:
         done += attempts(plan, total)
     return EntrySpeed(tuple(_of(done, seed) for seed in seeds), low, high, tolerance, share)
+
+
+def _begun(manoeuvre: str | Manoeuvre, settings: dict[str, Any], speed: float) -> Manoeuvre:
+    """The manoeuvre at another speed."""
+    test: Manoeuvre
+    if isinstance(manoeuvre, str):
+        test = MANOEUVRES.make(manoeuvre, **settings, speed=speed)
+        return test
+    test = MANOEUVRES.make(manoeuvre, **settings)
+    return replace(test, speed=speed, duration=test.duration * max(1.0, test.speed / speed))
 
 
 def _attempt(cell: Scenario, estimator: Estimator, controller: Controller, seed: int) -> Attempt:
