@@ -23,7 +23,7 @@ def test_the_example_drive_swerves_brakes_and_falls_silent(drive):
 
 
 def test_a_mirror_s_mirror_image_is_the_thing_itself(drive):
-    for k in (0, 100, 250):
+    for k in (0, 40, 100):
         thing = drive.readings[k], drive.estimates[k], drive.cars[k], drive.times[k]
         there, back = mirror(thing), mirror(mirror(thing))
         assert there[2].y == -thing[2].y

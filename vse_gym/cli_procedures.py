@@ -143,15 +143,16 @@ def entry_speed(
         )
     road = "" if friction is None else f", friction {friction:g}"
     title = f"{manoeuvre}, {vehicle}, {controller} with {estimator}, {sensors} sensors{road}"
-    screen.print(_steps_table(result, title))
+    screen.print(escape(title), style="italic", highlight=False)
+    screen.print(_steps_table(result))
     screen.print(_answer(result), highlight=False)
     for line in _islands(result):
         screen.print(line, style="yellow", highlight=False)
     raise typer.Exit(1 if math.isnan(result.speed) else 0)
 
 
-def _steps_table(result: Any, title: str) -> Table:
-    table = Table("km/h", "clean", "what was not kept", title=escape(title), title_justify="left")
+def _steps_table(result: Any) -> Table:
+    table = Table("km/h", "clean", "what was not kept")
     attempts = [a for search in result.searches for a in search.attempts]
     for speed in sorted({a.speed for a in attempts}):
         here = [a for a in attempts if a.speed == speed]

@@ -96,12 +96,8 @@ class Drive(NamedTuple):
     nominal: Nominal
     readings: tuple[Reading, ...]
     estimates: tuple[Estimate, ...]  # of one who knows the truth, for controllers
-    cars: tuple[Car, ...]  # as they truly were, for the driver of a manoeuvre
-
-    @property
-    def times(self) -> tuple[float, ...]:
-        """Of the readings [s]."""
-        return tuple(reading.time for reading in self.readings)
+    times: tuple[float, ...]  # of every fourth reading, which is enough for the driver of a manoeuvre [s]
+    cars: tuple[Car, ...]  # as they truly were then
 
 
 def example_drive(seed: int = 0, sensors: str | Sensors = "dropout") -> Drive:
@@ -112,8 +108,9 @@ def example_drive(seed: int = 0, sensors: str | Sensors = "dropout") -> Drive:
     while not simulation.done:
         demand, state = law.act(state, frames[-1].estimate, frames[-1].reading)
         frames.append(simulation.step(demand))
-    parts = zip(*((f.reading, f.estimate, f.truth) for f in frames), strict=True)
-    return Drive(setting.nominal, *parts)
+    heard, seen = tuple(f.reading for f in frames), tuple(f.estimate for f in frames)
+    some = frames[::4]
+    return Drive(setting.nominal, heard, seen, tuple(f.reading.time for f in some), tuple(f.truth for f in some))
 
 
 class Finding(NamedTuple):
