@@ -57,7 +57,7 @@ class GivesUp(Swerve):
 
 
 class BeginsBesideTheRoad(Swerve):
-    def off_course(self, car):
+    def off_course(self, car, vehicle):
         return True
 
 

@@ -256,6 +256,15 @@ def test_a_real_manoeuvre_is_clean_below_its_answer_and_not_above():
         assert cell.manoeuvre.judge(log, cell.nominal).passed == clean
 
 
+def test_a_course_of_cones_is_cleared_slowly_and_not_fast():
+    # From 30 km/h, for which the drive must last long enough, to well beyond the standard's speed.
+    car, ends = "qin2014_understeer", {"low": 30 / 3.6, "high": 130 / 3.6, "scan": 30.0, "tolerance": 15.0}
+    found = entry_speed("double_lane_change", car, "truth", "none", "clean", **ends)
+    (one,) = found.searches
+    assert one.clean == pytest.approx(80 / 3.6)
+    assert one.fails == pytest.approx(130 / 3.6)
+
+
 @dataclass(frozen=True)
 class AsFarAs(CleanUpTo):
     """Clean if the drive covers 20 m, which takes 1 s at its own speed."""
