@@ -21,8 +21,7 @@ from vse_gym.cli_screen import (
     screen,
     sentences,
 )
-
-DEG = math.pi / 180
+from vse_gym.manoeuvres.base import DEG, KMH
 
 
 def fmvss126(
@@ -119,7 +118,6 @@ def entry_speed(
     passes again is reported.
     """
     from vse_gym import procedures
-    from vse_gym.manoeuvres.base import DEG, KMH
 
     if not low < high:
         raise refuse(ValueError(f"--low must lie below --high, not at {low:g} and {high:g} km/h"))
