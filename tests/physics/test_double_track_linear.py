@@ -9,9 +9,9 @@ from scipy.linalg import expm
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import (
     advance,
-    advance_reference,
     rolling_start,
 )
+from vse_gym.physics.reference import advance_reference
 from vse_gym.vehicles import load, names
 
 CARS = names()
