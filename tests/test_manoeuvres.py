@@ -37,6 +37,7 @@ def log_of(time, ended="", hand_wheel=0.0, **truth):
     for state, values in truth.items():
         states[:, getattr(p, state)] = values
     blank = {field: np.zeros(rows) for field in Log._fields}
+    blank |= {field: np.zeros((rows, 4)) for field in ("brake", "added", "release")}
     blank |= {"time": time, "truth": states, "hand_wheel": np.broadcast_to(hand_wheel, rows), "ended": ended}
     return Log(**blank | {"filled": (), "vehicle": None})
 

@@ -42,7 +42,7 @@ class Line:
 
     def __post_init__(self) -> None:
         end = max((end for _, end, _ in self.swings), default=0.0)
-        x: Array = STEP * np.arange(math.ceil(end / STEP) + 2)
+        x = np.linspace(0.0, STEP * (math.ceil(end / STEP) + 1), math.ceil(end / STEP) + 2)
         object.__setattr__(self, "_table", tuple(self.at(x).tolist()))
 
     def at(self, x: Array) -> Array:
