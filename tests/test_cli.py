@@ -1,12 +1,18 @@
 """The command line as a stranger meets it."""
 
+import sys
+
 import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from vse_gym import vehicles
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
 from vse_gym.cli import app
+from vse_gym.evaluation import study_names
+from vse_gym.sensors import SUITES
 
+COMMANDS = ("list", "run", "bench", "fmvss126", "entry-speed", "check")
 runner = CliRunner()
 
 
@@ -14,18 +20,52 @@ def call(*words):
     return runner.invoke(app, list(words), catch_exceptions=False)
 
 
-@pytest.mark.parametrize("command", [[], ["list"], ["run"], ["bench"]])
+@pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS)])
 def test_every_command_explains_itself(command):
     result = call(*command, "--help")
     assert result.exit_code == 0
     assert "Usage" in result.output
 
 
-def test_list_names_everything():
+def test_the_help_of_all_names_every_command():
+    output = call("--help").output
+    assert all(name in output for name in COMMANDS)
+
+
+def test_list_names_everything_and_says_what_it_is():
     result = call("list")
     assert result.exit_code == 0
-    for name in (*ESTIMATORS, *CONTROLLERS, *MANOEUVRES, "qin2014", "cauchy_gaussian", "demo"):
-        assert name in result.output
+    for name in (*ESTIMATORS, *CONTROLLERS, *MANOEUVRES, *vehicles.names(), *SUITES, *study_names()):
+        # Long names are cut off on a screen of 80 columns.
+        (line,) = [line for line in result.output.splitlines() if f"│ {name[:23]} " in line]
+        assert len(line.split("│")[3].strip()) > 5
+
+
+def test_list_says_of_a_car_the_head_of_its_file_and_of_a_suite_how_it_differs():
+    said = " ".join(call("list").output.replace("│", " ").split())
+    assert "so that it understeers like a production car." in said
+    assert "Li, Li, Cao, Trans. CSAM 45(10), 2014" in said  # an abbreviation ends no sentence
+    assert "A first look, in seconds: four drives and ten seeds. " in said
+    assert "Too few for a ranking" not in said
+    assert "no noise" in said
+    assert "0.05 m/s2, 0.1 deg/s; silence rate 0.5" in said
+
+
+def test_ctrl_c_is_a_word_and_its_exit_code(monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("vse_gym.simulation.rollout", interrupted)
+    result = call("run", "straight_driving")
+    assert result.exit_code == 130
+    assert result.output.split() == ["stopped"]
+
+
+def test_without_matplotlib_a_sentence_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    result = call("run", "straight_driving", "--plot", str(tmp_path / "a.png"))
+    assert result.exit_code == 2
+    assert "pip install 'vse-gym[report]'" in " ".join(result.output.split())
 
 
 @pytest.mark.parametrize("manoeuvre", MANOEUVRES)
@@ -62,6 +102,11 @@ WRONG = [
     (["bench", "headlin"], "known: demo"),
     (["run", "straight_driving", "--vehicle", "[bold]x"], "'[bold]x'"),
     (["bench", "demo", "--estimators", "ekf,ukff"], "no estimator named 'ukff'"),
+    (["run", "sine_with_dwell", "--speed-kmh", "80kmh"], "--speed-kmh"),
+    (["run", "sine_with_dwell", "--speed-kmh", "-80"], "speed must be positive"),
+    (["run", "sine_with_dwell", "--vehicle", "tests"], "known: "),
+    (["run", "sine_with_dwell", "--vehicle", "mine.toml"], "the path of a .toml file"),
+    (["drive"], "No such command"),
 ]
 
 

@@ -37,8 +37,9 @@ def log_of(time, ended="", hand_wheel=0.0, **truth):
     for state, values in truth.items():
         states[:, getattr(p, state)] = values
     blank = {field: np.zeros(rows) for field in Log._fields}
+    blank |= {field: np.zeros((rows, 4)) for field in ("brake", "added", "release")}
     blank |= {"time": time, "truth": states, "hand_wheel": np.broadcast_to(hand_wheel, rows), "ended": ended}
-    return Log(**blank | {"filled": ()})
+    return Log(**blank | {"filled": (), "vehicle": None})
 
 
 def figure(verdict, name):
@@ -297,12 +298,12 @@ def test_a_held_steer_judges_the_largest_sideslip(degrees, passes, side, nominal
 
 
 @EITHER_WAY
-def test_straight_driving_ends_outside_its_lane(side):
+def test_straight_driving_ends_outside_its_lane(side, nominal):
     test = StraightDriving(half_lane=1.5)
     state = np.zeros(p.STATE_SIZE)
     for y, off in ((0.0, False), (1.49, False), (1.51, True)):
         state[p.Y] = side * y
-        assert test.off_course(Car(state)) == off
+        assert test.off_course(Car(state), nominal.vehicle) == off
 
 
 @pytest.mark.parametrize("criterion", ["largest lateral offset", "largest sideslip", "needless brake energy"])

@@ -1,16 +1,33 @@
-"""The command line: list, run, bench."""
+"""The command line: list, run, bench; the other commands have files of their own."""
 
+import math
+import re
 import sys
 import time
+from dataclasses import fields
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
+from vse_gym import cli_check, cli_procedures
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
+from vse_gym.cli_screen import (
+    ControllerName,
+    EstimatorName,
+    Jobs,
+    SuiteName,
+    VehicleName,
+    bars,
+    first_sentence,
+    mark,
+    refuse,
+    screen,
+    sentences,
+)
 from vse_gym.registry import Registry
 
 app = typer.Typer(
@@ -19,48 +36,69 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",  # otherwise a paragraph of help keeps the line breaks of the source
 )
-screen = Console()
 
 
-def _refuse(error: Exception) -> typer.Exit:
-    """A mistake of the user is a sentence, not a traceback."""
-    Console(stderr=True).print(f"[red]error:[/red] {escape(str(error))}", highlight=False)
-    return typer.Exit(2)
+# The end of a sentence: a full stop before a capital, but none after a short capitalised word, as in "Trans. CSAM".
+SENTENCE_END = re.compile(r"(?<!\b[A-Z])(?<!\b[A-Z]\w{3})(?<!\b[A-Z]\w{4})\. (?=[A-Z])")
 
 
-def _first_sentence(thing: Any) -> str:
-    return (thing.__doc__ or "").strip().split("\n")[0]
+def _head_sentence(path: Path) -> str:
+    """The first sentence of the comment at the head of a file."""
+    lines = takewhile(lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines())
+    said = " ".join(line.removeprefix("#").strip() for line in lines)
+    return SENTENCE_END.split(said + " ", maxsplit=1)[0].strip().removesuffix(".") + "." if said else ""
+
+
+def _differs(suite: Any) -> str:
+    """What a sensor suite is: the core of its noise, and each setting that is not the default."""
+    usual, sheet = type(suite)(), suite.sheet
+    said = [f"sigma {sheet.acceleration:g} m/s2, {math.degrees(sheet.yaw_rate):g} deg/s" if suite.noise else "no noise"]
+    for field in fields(suite):
+        value = getattr(suite, field.name)
+        if value == getattr(usual, field.name) or field.name in ("sheet", "noise"):
+            continue
+        name, degrees = field.name.replace("_", " "), "yaw_rate" in field.name
+        if isinstance(value, float):
+            name += f" {math.degrees(value):g} deg" if degrees else f" {value:g}"
+        said.append(name)
+    return "; ".join(said)
 
 
 @app.command("list")
 def list_names() -> None:
     """Everything that has a name: estimators, controllers, manoeuvres, vehicles, sensor suites, studies."""
     from vse_gym import vehicles
-    from vse_gym.evaluation import study_names
+    from vse_gym.evaluation import STUDIES, study_names
     from vse_gym.sensors import EXTRAS, SUITES
 
     kinds: dict[str, Registry[Any]] = {"estimator": ESTIMATORS, "controller": CONTROLLERS, "manoeuvre": MANOEUVRES}
-    table = Table("kind", "name", "what it is")
+    table = Table("kind", "name", Column("what it is", overflow="fold"))
     for kind, registry in kinds.items():
         for name in registry:
-            table.add_row(kind, name, _first_sentence(registry[name]))
+            table.add_row(kind, name, escape(first_sentence(registry[name])))
         table.add_section()
-    suites = [*SUITES, *(f"<any of these>+{extra}" for extra in EXTRAS)]
-    for kind, names in (("vehicle", vehicles.names()), ("sensors", suites), ("study", study_names())):
-        for name in names:
-            table.add_row(kind, name, "")
-        table.add_section()
+    for name in vehicles.names():
+        table.add_row("vehicle", name, escape(_head_sentence(vehicles.FOLDER / f"{name}.toml")))
+    table.add_section()
+    for name, suite in SUITES.items():
+        table.add_row("sensors", name, _differs(suite))
+    for extra in EXTRAS:
+        table.add_row("sensors", f"<any of these>+{extra}", f"the same with the sensor '{extra}' on board")
+    table.add_section()
+    for name in study_names():
+        table.add_row("study", name, escape(_head_sentence(STUDIES / f"{name}.toml")))
     screen.print(table)
 
 
 @app.command()
 def run(
     manoeuvre: Annotated[str, typer.Argument(help="What is driven; `vse-gym list` names all.")],
-    estimator: Annotated[str, typer.Option(help="What the controller sees the car through.")] = "ekf",
-    controller: Annotated[str, typer.Option(help="Who brakes.")] = "esc",
-    vehicle: Annotated[str, typer.Option(help="A name, or the path of a TOML file.")] = "qin2014_understeer",
-    sensors: Annotated[str, typer.Option(help="Sensor suite; loud+optical has an optical sensor too.")] = "gaussian",
+    estimator: EstimatorName = "ekf",
+    controller: ControllerName = "esc",
+    vehicle: VehicleName = "qin2014_understeer",
+    sensors: SuiteName = "gaussian",
     friction: Annotated[float | None, typer.Option(help="Of the road; without it the manoeuvre's own.")] = None,
     speed_kmh: Annotated[float | None, typer.Option(help="At the start [km/h].")] = None,
     amplitude_deg: Annotated[float | None, typer.Option(help="Of the hand wheel, where there is one [deg].")] = None,
@@ -68,41 +106,43 @@ def run(
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
     plot: Annotated[Path | None, typer.Option(help="Draw the drive into this file (.png, .svg, .pdf).")] = None,
 ) -> None:
-    """Drive once and say how it went; with --plot, draw it."""
+    """Drive once and say how it went; with --plot, draw it.
+
+    The first lines are the manoeuvre's criteria with their limits, the others what the drive cost. A verdict that
+    failed is an answer, not an error: the exit code is 0.
+    """
     from vse_gym import metrics
     from vse_gym.manoeuvres.base import si
     from vse_gym.simulation import rollout, scenario
 
     given: dict[str, Any] = {"friction": friction, "speed_kmh": speed_kmh, "amplitude_deg": amplitude_deg}
-    try:
+    with sentences():
         settings = si({k: v for k, v in given.items() if v is not None})
         drive = scenario(manoeuvre, vehicle, sensors, plant=plant, **settings)
         log = rollout(drive, estimator, controller, seed)
-    except (KeyError, ValueError, TypeError, ModuleNotFoundError) as error:
-        raise _refuse(error) from None
     if not len(log.time):
-        raise _refuse(RuntimeError(f"the drive never began: {log.ended}"))
+        raise refuse(RuntimeError(f"the drive never began: {log.ended}"))
     verdict = drive.manoeuvre.judge(log, drive.nominal)
     title = f"{manoeuvre}, {vehicle}, {controller} with {estimator}, {sensors} sensors, seed {seed}"
     table = Table("", "figure", "limit", title=escape(title), title_justify="left")
     for c in verdict.criteria:
-        mark = ("[green]ok[/green]" if c.passed else "[red]fails[/red]") if c.judged else "for information"
+        word = mark(c.passed) if c.judged else "for information"
         sign = ">=" if c.at_least else "<="
-        table.add_row(escape(c.name), f"{c.figure:.2f} {c.unit}", f"{sign} {c.limit:g} {c.unit}: {mark}")
+        table.add_row(escape(c.name), f"{c.figure:.2f} {c.unit}", f"{sign} {c.limit:g} {c.unit}: {word}")
     table.add_section()
     for name, metric in metrics.METRICS.items():
         table.add_row(name, f"{metric(log):.2f}", "")
     screen.print(table)
-    screen.print(f"verdict: {'[green]passed[/green]' if verdict.passed else '[red]failed[/red]'}")
+    screen.print(f"verdict: {mark(verdict.passed, 'passed', 'failed')}")
     if plot is not None:
         from vse_gym.picture import draw
 
         try:
             draw(log, drive, title, plot)
         except ModuleNotFoundError:
-            raise _refuse(ModuleNotFoundError("drawing needs matplotlib: pip install 'vse-gym[report]'")) from None
+            raise refuse(ModuleNotFoundError("drawing needs matplotlib: pip install 'vse-gym[report]'")) from None
         except (ValueError, OSError) as error:
-            raise _refuse(error) from None
+            raise refuse(error) from None
         screen.print(f"drawn: {escape(str(plot))}")
 
 
@@ -111,30 +151,24 @@ def bench(
     study: Annotated[str, typer.Argument(help="A study's name, or the path of its TOML file.")],
     estimators: Annotated[str, typer.Option(help="Comma-separated names; without it the study's own.")] = "",
     seeds: Annotated[int | None, typer.Option(min=1, help="How many; without it the study's own.")] = None,
-    jobs: Annotated[int, typer.Option(help="Processes; -1: all cores.")] = 1,
+    jobs: Jobs = 1,
     out: Annotated[Path | None, typer.Option(help="Folder for the table of runs, the summary and the figure.")] = None,
 ) -> None:
-    """Drive a study and print its table, least regret first."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    """Drive a study and print its table, least regret first.
 
+    Regret is what it costs to see the car through an estimate and not by its true states. Ctrl-C stops early and shows
+    what was driven until then.
+    """
     from vse_gym import report
     from vse_gym.evaluation import Study, run_study, table
 
     names = [name.strip() for name in estimators.split(",") if name.strip()] or None
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     rows: list[dict[str, Any]] = []
     begin, stopped = time.perf_counter(), False
     try:
         plan = Study.load(study)
         work = run_study(plan, names, seeds, jobs)
-        with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=screen, transient=True) as progress:
+        with bars() as progress:
             task = progress.add_task(f"{plan.name}: cells x seeds", total=len(plan.cells) * (seeds or plan.seeds))
             for part in work:
                 rows += part
@@ -142,9 +176,9 @@ def bench(
     except KeyboardInterrupt:
         stopped = True
     except (KeyError, ValueError, TypeError, ModuleNotFoundError) as error:
-        raise _refuse(error) from None
+        raise refuse(error) from None
     if not rows:
-        raise _refuse(RuntimeError("stopped before the first cell was finished"))
+        raise refuse(RuntimeError("stopped before the first cell was finished"))
     runs = table(rows)
     title = f"{plan.name}, version {plan.version}"
     screen.print(report.on_screen(*report.cells_of(report.summary(runs), narrow=True), title=escape(title), whole=3))
@@ -160,6 +194,10 @@ def bench(
     if stopped:
         raise typer.Exit(130)
 
+
+app.command("fmvss126")(cli_procedures.fmvss126)
+app.command("entry-speed")(cli_procedures.entry_speed)
+app.command("check")(cli_check.check)
 
 if __name__ == "__main__":
     app()

@@ -34,7 +34,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
 
     Action, in [-1, 1]:
         ``brakes``, (4,): per wheel, a > 0 adds a times the wheel's cap, a < 0 releases |a| of the driver's torque
-        (in the manoeuvres of this version the driver does not brake, so that a < 0 has no effect yet).
+        (without effect where the driver does not brake, as in most manoeuvres).
         ``yaw_moment``, (1,): times the largest moment of one side's brakes, through the allocator; positive left.
         With a ``controller`` other than "none" the action is added to what the controller asks for.
 
@@ -258,6 +258,16 @@ IDS = {
     "vse_gym/SineWithDwell-v0": "sine_with_dwell",
     "vse_gym/StraightDriving-v0": "straight_driving",
     "vse_gym/HeldSteer-v0": "held_steer",
+    "vse_gym/DoubleLaneChange-v0": "double_lane_change",
+    "vse_gym/ObstacleAvoidance-v0": "obstacle_avoidance",
+    "vse_gym/Slalom-v0": "slalom",
+    "vse_gym/SplitFrictionBraking-v0": "split_friction_braking",
+    "vse_gym/FrictionJump-v0": "friction_jump",
+    "vse_gym/BrakeInTurn-v0": "brake_in_turn",
+    "vse_gym/StepSteer-v0": "step_steer",
+    "vse_gym/SteadyCircle-v0": "steady_circle",
+    "vse_gym/SineSteer-v0": "sine_steer",
+    "vse_gym/GentleCurve-v0": "gentle_curve",
 }
 
 

@@ -81,7 +81,9 @@ class Cell:
         side = draw.choice([-1.0, 1.0]) if randomise.steer else 1.0
         changes: dict[str, Any] = {"speed": written.speed + speed, "friction": _icy(written.friction + friction)}
         known = {f.name for f in fields(written)}
-        if "amplitude" in known:
+        if "side" in known:
+            changes["side"] = written.side * side
+        if "amplitude" in known and written.amplitude is not None:
             changes["amplitude"] = written.amplitude * side * (1 + steer)
         if "friction_after" in known and written.friction_after is not None:
             changes["friction_after"] = _icy(written.friction_after + friction)

@@ -1,4 +1,4 @@
-"""Looking into an estimator or a controller while it works: the tools of :mod:`vse_gym.testing`."""
+"""Looking into an estimator, a controller or a manoeuvre while it works: the tools of :mod:`vse_gym.testing`."""
 
 import copy
 import random
@@ -10,7 +10,9 @@ import numpy as np
 
 from vse_gym.controllers.base import Controller
 from vse_gym.estimators.base import Estimator
+from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
 from vse_gym.types import (
     U_STEER,
     WHEELS,
@@ -18,18 +20,25 @@ from vse_gym.types import (
     Y_ROLL_RATE,
     Y_SIDESLIP,
     Y_YAW_RATE,
+    Array,
     BrakeDemand,
+    Car,
+    Driver,
     Estimate,
     Reading,
 )
 
+Owner = Estimator | Controller | Manoeuvre
+MIRRORED = [1, 0, 3, 2]  # the wheels, left and right exchanged
+
 
 class Block:
-    """An estimator or a controller, and what it hears, seen alike."""
+    """An estimator, a controller or a manoeuvre, and what it hears or sees, seen alike."""
 
-    def __init__(self, owner: Estimator | Controller, nominal: Nominal, heard: Sequence[Sequence[Any]]):
+    def __init__(self, owner: Owner, nominal: Nominal, heard: Sequence[Sequence[Any]]):
         self.owner: Any = owner
         self.nominal, self.estimates = nominal, isinstance(owner, Estimator)
+        self.answer = "drive" if isinstance(owner, Manoeuvre) else "act"
         self.items = copy.deepcopy(list(zip(*heard, strict=True)))  # who edits them shall spoil no other check
 
     def init(self, rng: np.random.Generator) -> Any:
@@ -39,8 +48,8 @@ class Block:
     def step(self, state: Any, item: tuple[Any, ...], rng: np.random.Generator) -> tuple[Any, Any]:
         """State and output after one more item."""
         if not self.estimates:
-            demand, state = self.owner.act(state, *item)
-            return state, demand
+            output, state = getattr(self.owner, self.answer)(state, *item)
+            return state, output
         if self.owner.told_friction:
             state = self.owner.tell_friction(state, self.nominal.friction)
         state = self.owner.update(state, *item, rng)
@@ -66,7 +75,7 @@ def require(kept: bool, broken: str) -> None:
         raise AssertionError(broken)
 
 
-def who(owner: Estimator | Controller) -> str:
+def who(owner: Owner) -> str:
     """The name of its class."""
     return type(owner).__name__
 
@@ -113,19 +122,30 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> str:
 
 
 def mirror(thing: Any) -> Any:
-    """Left and right exchanged, in a reading, an estimate, a demand, or a tuple of them."""
-    wheels = [1, 0, 3, 2]
+    """Left and right exchanged: in a reading, an estimate, a demand, a car, a driver, or a tuple of them."""
     if isinstance(thing, Reading):
         u, y = thing.inputs.copy(), thing.y.copy()
         u[U_STEER] *= -1
-        u[1:] = u[1:].reshape(2, 4)[:, wheels].ravel()  # brake and drive torques
+        u[1:] = u[1:].reshape(2, 4)[:, MIRRORED].ravel()  # brake and drive torques
         y[[Y_AY, Y_YAW_RATE, Y_SIDESLIP, Y_ROLL_RATE]] *= -1
-        y[WHEELS] = y[WHEELS][wheels]
+        y[WHEELS] = y[WHEELS][MIRRORED]
         return Reading(thing.time, u, y)
     if isinstance(thing, Estimate):
         signs = np.array([1.0, -1.0, -1.0])
         odd = {name: -getattr(thing, name) for name in ("vy", "yaw_rate", "ay", "roll", "roll_rate")}
         return thing._replace(cov=thing.cov * np.outer(signs, signs), **odd)
     if isinstance(thing, BrakeDemand):
-        return BrakeDemand(thing.added[wheels], thing.release[wheels])
-    return tuple(map(mirror, thing))
+        return BrakeDemand(thing.added[MIRRORED], thing.release[MIRRORED])
+    if isinstance(thing, Driver):
+        return Driver(-thing.hand_wheel, thing.drive[MIRRORED], thing.brake[MIRRORED])
+    if isinstance(thing, Car):
+        return Car(_mirrored_state(thing.state))
+    return tuple(map(mirror, thing)) if isinstance(thing, tuple) else thing
+
+
+def _mirrored_state(state: Array) -> Array:
+    out = state.copy()
+    out[[p.Y, p.YAW, p.VY, p.YAW_RATE, p.LOAD_AY, p.AY, p.ROLL, p.ROLL_RATE]] *= -1
+    for first, sign in ((p.WHEEL, 1.0), (p.LAG_X, 1.0), (p.LAG_Y, -1.0)):
+        out[first : first + 4] = sign * out[first : first + 4][MIRRORED]
+    return out

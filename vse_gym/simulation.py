@@ -292,7 +292,7 @@ class Simulation:
             return "spin"
         if self._lost:
             return "beyond the multi-body model"
-        return "off course" if self.scenario.manoeuvre.off_course(Car(self.state)) else ""
+        return "off course" if self.scenario.manoeuvre.off_course(Car(self.state), self.scenario.vehicle) else ""
 
 
 def rollout(scenario: Scenario, estimator: str | Estimator, controller: str | Controller, seed: int) -> Log:
@@ -321,7 +321,7 @@ def rollout(scenario: Scenario, estimator: str | Estimator, controller: str | Co
             frame = simulation.step(demand)
     except EstimatorError as error:  # a broken estimator is a row with its reason, not the end of a benchmark
         ended = str(error)
-    return book.close(ended or simulation.ended, filled)
+    return book.close(ended or simulation.ended, filled, scenario.vehicle)
 
 
 class _Book:
@@ -346,7 +346,7 @@ class _Book:
         self.scalars[k] = (*control, listener.nis, listener.seconds)
         self.rows += 1
 
-    def close(self, ended: str, filled: tuple[str, ...]) -> Log:
+    def close(self, ended: str, filled: tuple[str, ...], vehicle: p.Vehicle) -> Log:
         n = self.rows
         time, hand_wheel, steer, friction, nis, seconds = self.scalars[:n].T
         return Log(
@@ -366,4 +366,5 @@ class _Book:
             filled,
             nis,
             seconds,
+            vehicle,
         )

@@ -238,6 +238,7 @@ class Log(NamedTuple):
     filled: tuple[str, ...]  # fields of the estimate that were passed-on readings
     nis: Array = NO_TORQUE[:0]  # of each update, over its degrees of freedom, (T,); NaN where none
     seconds: Array = NO_TORQUE[:0]  # that each update and estimate took, (T,) [s]
+    vehicle: p.Vehicle | None = None  # the true car; None: nobody knows another than the one in ``Nominal``
 
     @property
     def sideslip(self) -> Array:

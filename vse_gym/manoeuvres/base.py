@@ -6,9 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, NamedTuple
 
+from vse_gym.manoeuvres.course import Course
+from vse_gym.manoeuvres.driver import Steering
 from vse_gym.models import Nominal
-from vse_gym.physics.parameters import Road, road
-from vse_gym.types import Array, Car, Driver, Log
+from vse_gym.physics.parameters import GRAVITY, Road, Vehicle, road
+from vse_gym.types import Car, Driver, Log
+
+__all__ = ["DEG", "GRAVITY", "KMH", "Course", "Criterion", "Manoeuvre", "Verdict", "si"]
 
 DEG = math.pi / 180
 KMH = 1 / 3.6
@@ -53,18 +57,13 @@ class Verdict(NamedTuple):
         return all(c.passed for c in self.criteria if c.judged)
 
 
-class Course(NamedTuple):
-    """Where the car must go: cones, each (x, y) [m]."""
-
-    cones: Array  # (N, 2)
-
-
 @dataclass(frozen=True)
 class Manoeuvre(ABC):
     """The driver and the course. The driver sees the road, so that the ``car`` he sees is the true one.
 
     Raises:
-        ValueError: If a number is not finite, speed or duration not positive, or friction not in (0, 2].
+        ValueError: If a number is not finite, speed or duration not positive, a friction not in (0, 2], or a side
+            neither 1 nor -1.
     """
 
     speed: float = 80 * KMH  # at the start [m/s]
@@ -80,7 +79,7 @@ class Manoeuvre(ABC):
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is None:
+            if value is None or isinstance(value, Steering):
                 continue
             if isinstance(value, bool | str) or not math.isfinite(value):
                 raise ValueError(f"{field.name} must be a finite number, not {value!r}")
@@ -90,8 +89,10 @@ class Manoeuvre(ABC):
                 raise ValueError(f"{field.name} must be positive, not {value}")
             if field.name in self.not_negative and value < 0:
                 raise ValueError(f"{field.name} must not be negative, not {value}")
-        if not 0 < self.friction <= 2:
-            raise ValueError(f"friction must lie in (0, 2], not {self.friction}")
+            if field.name.startswith("friction") and not 0 < value <= 2:
+                raise ValueError(f"{field.name} must lie in (0, 2], not {value}")
+            if field.name == "side" and abs(value) != 1:
+                raise ValueError(f"side must be 1, to the left, or -1, not {value}")
 
     def init(self, nominal: Nominal) -> Any:
         """The driver's state at the start; a driver of an open-loop test has none."""
@@ -105,12 +106,12 @@ class Manoeuvre(ABC):
         """The road; uniform unless a manoeuvre says otherwise. ``slope`` and ``bank`` tilt it afterwards."""
         return road((0.0, self.friction))
 
-    def course(self) -> Course | None:
-        """Gates and cones; None for an open-loop test."""
+    def course(self, vehicle: Vehicle) -> Course | None:
+        """Gates and cones as they are set out for a car, which must be the true one; None for an open-loop test."""
         return None
 
-    def off_course(self, car: Car) -> bool:
-        """Whether the car has left where it may be."""
+    def off_course(self, car: Car, vehicle: Vehicle) -> bool:
+        """Whether the car, a true ``vehicle``, has left where it may be."""
         return False
 
     @abstractmethod

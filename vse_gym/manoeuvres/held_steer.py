@@ -26,11 +26,6 @@ class HeldSteer(Manoeuvre):
 
     positive: ClassVar[tuple[str, ...]] = ("jump", "rate")
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.friction_after is not None and not 0 < self.friction_after <= 2:
-            raise ValueError(f"friction_after must lie in (0, 2], not {self.friction_after}")
-
     def road(self) -> p.Road:
         if self.friction_after is None:
             return super().road()

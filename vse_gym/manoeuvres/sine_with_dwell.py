@@ -55,7 +55,7 @@ class SineWithDwell(Manoeuvre):
         """
         side = math.copysign(1.0, self.amplitude)
         against = -side * log.truth[:, p.YAW_RATE]  # positive in the second half
-        peak = _first_peak(log.time, against, self.begin + 0.5 / self.frequency, self.complete)
+        peak = first_peak(log.time, against, self.begin + 0.5 / self.frequency, self.complete)
         rests = [_at(log.time, against, self.complete + wait) / peak for wait in (1.00, 1.75)]
         shift = side * _at(log.time, log.truth[:, p.Y], self.begin + 1.07)
         steep = abs(self.amplitude) >= 5 * steer_at_0_3g(nominal.vehicle) - 1e-9
@@ -74,7 +74,7 @@ def _at(time: np.ndarray, values: np.ndarray, when: float) -> float:
     return float(np.interp(when, time, values, right=np.nan))
 
 
-def _first_peak(time: np.ndarray, values: np.ndarray, start: float, stop: float) -> float:
+def first_peak(time: np.ndarray, values: np.ndarray, start: float, stop: float) -> float:
     """First local maximum above zero between two times; the largest value there if it only rises."""
     window = values[(time >= start) & (time <= stop)]
     if window.size < 3:

@@ -23,18 +23,30 @@ class StraightDriving(Manoeuvre):
     def drive(self, state: None, time: float, car: Car) -> tuple[Driver, None]:
         return Driver(), None
 
-    def off_course(self, car: Car) -> bool:
+    def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
         return abs(car.y) > self.half_lane
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """No standard has limits here; these are chosen so that a driver would not notice anything."""
         offset = float(np.max(np.abs(log.truth[:, p.Y])))
         sideslip = math.degrees(log.peak_sideslip)
-        work = float(log.truth[-1, p.BRAKE_WORK] - log.truth[0, p.BRAKE_WORK]) / 1e3
         return Verdict(
             (
                 Criterion("largest lateral offset", offset, 0.3, "m"),
                 Criterion("largest sideslip", sideslip, 0.5, "deg"),
-                Criterion("needless brake energy", work, 1.0, "kJ"),
+                *false_interventions(log),
             )
         )
+
+
+def false_interventions(log: Log) -> tuple[Criterion, ...]:
+    """What was braked in a drive in which the driver does not brake and nobody need: its heat, its time, how often."""
+    work = float(log.truth[-1, p.BRAKE_WORK] - log.truth[0, p.BRAKE_WORK]) / 1e3
+    asks = np.any((log.added > 0) | (log.release > 0), axis=1)
+    time = float(np.sum(np.diff(log.time), where=asks[:-1]))
+    times = int(np.sum(asks[1:] & ~asks[:-1])) + int(asks[0])
+    return (
+        Criterion("needless brake energy", work, 1.0, "kJ"),
+        Criterion("time of false interventions", time, 0.0, "s", judged=False),
+        Criterion("number of false interventions", float(times), 0.0, "", judged=False),
+    )

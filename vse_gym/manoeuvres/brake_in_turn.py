@@ -1,0 +1,87 @@
+"""Braking in a turn: ISO 7975."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from vse_gym.manoeuvres.base import DEG, Criterion, Manoeuvre, Verdict
+from vse_gym.manoeuvres.driver import DRIVER, Hands, Pedals, Steering, pedals
+from vse_gym.manoeuvres.path import Circle
+from vse_gym.manoeuvres.split_friction_braking import stopping_distance
+from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
+from vse_gym.types import NO_TORQUE, Car, Driver, Log
+
+LOOKS = 1.0  # after the begin of braking, at which the yaw rate is compared (k) [s]
+
+
+class Turning(NamedTuple):
+    """The driver's state."""
+
+    hands: Hands
+    circle: Circle
+    pedals: Pedals
+    ratio: float  # hand wheel over road wheel [-]
+
+
+@dataclass(frozen=True)
+class BrakeInTurn(Manoeuvre):
+    """Round a circle at a steady speed, then a step of the brakes with the hand wheel held where it is: ISO 7975.
+
+    The standard's circle of 100 m (k) at 80 km/h (chosen: 4.9 m/s2); the driver follows it until he brakes. With an
+    ``amplitude`` he turns the hand wheel to that angle instead and holds it from the start.
+
+    Judged by (chosen): sideslip. Reported: the yaw rate 1 s after the begin of braking over that of the same circle at
+    the speed then (k), largest deceleration, stopping distance.
+    """
+
+    duration: float = 10.0
+    radius: float = 100.0  # of the circle, positive whatever the side [m]
+    side: float = 1.0  # 1 to the left, -1 to the right
+    amplitude: float | None = (
+        None  # of a hand wheel held from ``begin`` on, positive left; None: follow the circle [rad]
+    )
+    rate: float = 400 * DEG  # at which it gets there [rad/s]
+    begin: float = 0.5  # of steer, with an amplitude [s]
+    brake: float = 4.0  # when the driver brakes [s]
+    deceleration: float = 0.5 * p.GRAVITY  # that he asks for [m/s2]
+    driver: Steering = DRIVER
+
+    positive: ClassVar[tuple[str, ...]] = ("brake", "deceleration", "radius", "rate")
+
+    def init(self, nominal: Nominal) -> Turning:
+        car = nominal.vehicle
+        return Turning(self.driver.init(nominal), Circle(self.side * self.radius), pedals(car), car.steering_ratio)
+
+    def drive(self, state: Turning, time: float, car: Car) -> tuple[Driver, Turning]:
+        hands, circle, feet, ratio = state
+        if self.amplitude is not None:
+            turned = min(abs(self.amplitude), self.rate * max(0.0, time - self.begin))
+            hands = hands._replace(angle=math.copysign(turned, self.amplitude) / ratio)
+        elif time < self.brake:
+            hands = self.driver.steer(hands, circle, car)
+        after = Turning(hands, circle, feet, ratio)
+        if time < self.brake:
+            return Driver(ratio * hands.angle, feet.hold(self.speed, car)), after
+        return Driver(ratio * hands.angle, NO_TORQUE, feet.brake * self.deceleration), after
+
+    def verdict(self, log: Log, nominal: Nominal) -> Verdict:
+        """The largest sideslip is judged; the standard has no limits."""
+        yaw_rate, speed = log.truth[:, p.YAW_RATE], np.hypot(log.truth[:, p.VX], log.truth[:, p.VY])
+        before, then = (
+            [float(np.interp(when, log.time, values, right=math.nan)) for values in (yaw_rate, speed)]
+            for when in (self.brake, self.brake + LOOKS)
+        )
+        steady = before[0] / before[1] * then[1] if before[1] > 0 else math.nan
+        ratio = then[0] / steady if abs(steady) > 0 else math.nan
+        braking = log.truth[log.time >= self.brake, p.AX]
+        return Verdict(
+            (
+                Criterion("largest sideslip", math.degrees(log.peak_sideslip), 10, "deg"),
+                Criterion("yaw rate over that of the circle after 1 s", ratio, 1.3, "", judged=False),
+                Criterion("largest deceleration", -float(np.min(braking, initial=0.0)), 9.81, "m/s2", judged=False),
+                Criterion("stopping distance", stopping_distance(log, self.brake), 100, "m", judged=False),
+            )
+        )

@@ -1,0 +1,192 @@
+"""The driver who follows a line and holds a speed: optimal preview steering with human limits, and two pedals."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from operator import mul
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm, solve_discrete_are
+
+from vse_gym.manoeuvres.path import Path
+from vse_gym.models import Nominal
+from vse_gym.physics.parameters import GRAVITY, VX, VY, YAW, YAW_RATE, Vehicle, X, Y
+from vse_gym.types import NO_TORQUE, Array, Car
+
+DEG = math.pi / 180
+SLOWEST, FASTEST = 3, 60  # speeds that the driver has practised, every metre per second between them [m/s]
+FASTEST_TURN = 10.0  # a car that turns faster is felt as if it turned so fast [rad/s]
+
+
+class Gains(NamedTuple):
+    """What the driver does about what he sees and feels, at one speed: road-wheel angle per ..."""
+
+    ahead: tuple[float, ...]  # offset of the line at each preview point [rad/m]
+    sideways: float  # lateral speed, taken off [rad s/m]
+    turning: float  # yaw rate, taken off [s]
+    held: float  # road-wheel angle as it is, taken off [-]
+    pending: tuple[float, ...]  # each angle decided on and not yet begun, taken off [-]
+
+
+class Skill(NamedTuple):
+    """What the gains follow from, beside the car."""
+
+    reach: tuple[float, ...]  # times of the preview points, evenly spaced [s]
+    calm: float  # price of the rate of the wanted road-wheel angle, beside an offset from the line [m s/rad]
+    heading: float  # price of the speed at which the heading leads away from the line, beside an offset [s]
+    lag: float  # of arms and hands [s]
+    delay: int  # from seeing to acting [steps]
+    dt: float  # [s]
+
+
+@lru_cache(maxsize=128)
+def practised(vehicle: Vehicle, skill: Skill) -> tuple[Gains, ...]:
+    """Gains at every practised speed, by linear quadratic optimal preview.
+
+    Sharp & Valtetsiotis (2001), "Optimal preview car steering control", Vehicle System Dynamics 35 suppl., 101-117. The
+    driver knows his car (its linear single track), his delay and his lag.
+    """
+    return tuple(_optimal(vehicle, skill, float(v)) for v in range(SLOWEST, FASTEST + 1))
+
+
+def _stepped(vehicle: Vehicle, skill: Skill, v: float) -> tuple[Array, Array]:
+    """The car with the driver's arms in steps: z' = F z + b times the change of the angle decided on.
+
+    z is the offset, the heading, lateral speed, yaw rate, road-wheel angle, and the angles on their way: the first
+    begins now, the last was decided on a step ago.
+    """
+    front, rear = 2 * vehicle.front_tyre.cornering_stiffness, 2 * vehicle.rear_tyre.cornering_stiffness
+    lf, lr, m, inertia = vehicle.lf, vehicle.lr, vehicle.mass, vehicle.yaw_inertia
+    a = np.zeros((6, 6))
+    a[0, 1], a[0, 2], a[1, 3] = v, 1.0, 1.0
+    a[2, 2:5] = -(front + rear) / (m * v), -v - (lf * front - lr * rear) / (m * v), front / m
+    a[3, 2] = -(lf * front - lr * rear) / (inertia * v)
+    a[3, 3:5] = -(lf**2 * front + lr**2 * rear) / (inertia * v), lf * front / inertia
+    a[4, 4:] = -1 / skill.lag, 1 / skill.lag
+    waiting = skill.delay + 1
+    f, b = np.zeros((5 + waiting, 5 + waiting)), np.zeros(5 + waiting)
+    f[:5, :6] = expm(a * skill.dt)[:5]
+    f[5:-1, 6:] = np.eye(waiting - 1)
+    f[-1, -1] = b[-1] = 1.0
+    return f, b
+
+
+def _optimal(vehicle: Vehicle, skill: Skill, v: float) -> Gains:
+    f, b = _stepped(vehicle, skill, v)
+    prices = np.zeros(len(b))
+    prices[:2] = 1.0, (skill.heading * v) ** 2
+    price = (skill.calm / skill.dt) ** 2
+    cost = solve_discrete_are(f, b[:, None], np.diag(prices), np.array([[price]]))
+    scale = price + b @ cost @ b
+    gain = b @ cost @ f / scale
+    # What one metre of offset, and one radian of heading, of the line k steps ahead ask for now
+    steps = round(skill.reach[-1] / skill.dt)
+    asks, closed, pull = np.zeros((steps + 2, 2)), f - np.outer(b, gain), np.diag(prices)[:, :2]
+    for k in range(1, steps + 1):
+        asks[k] = pull[-1] / scale
+        pull = closed.T @ pull
+    fine = asks[:, 0] - np.gradient(asks[:, 1]) / (v * skill.dt)  # the line's heading is the slope of its offsets
+    ahead = np.zeros(len(skill.reach))
+    for k, ask in enumerate(fine):  # shared out between the preview points before and behind
+        at = min(max(k * skill.dt / skill.reach[0] - 1, 0.0), len(ahead) - 1.0)
+        low = min(int(at), len(ahead) - 2)
+        ahead[low] += (1 - (at - low)) * ask
+        ahead[low + 1] += (at - low) * ask
+    gain[-1] -= 1.0  # from the change of the angle to the angle
+    return Gains(tuple(ahead.tolist()), float(gain[2]), float(gain[3]), float(gain[4]), tuple(gain[5:].tolist()))
+
+
+class Hands(NamedTuple):
+    """Where the driver's hands are, and what is on its way to them."""
+
+    gains: tuple[Gains, ...]
+    reach: tuple[float, ...]  # times of the preview points [s]
+    follow: float  # share of the way to the wanted angle that the arms make in a step [-]
+    most: float  # change of the road-wheel angle that they can make in a step [rad]
+    limit: float  # of the road-wheel angle [rad]
+    pending: tuple[float, ...]  # road-wheel angles decided on, the oldest first [rad]
+    angle: float  # of the road wheel [rad]
+
+
+@dataclass(frozen=True)
+class Steering:
+    """Preview steering with a reaction delay, a neuromuscular lag, and arms of finite speed and reach.
+
+    All tunings are chosen, alike for every car: so that each clears the double lane change of ISO 3888-1 on dry road at
+    90 km/h or nearly so, and none sways at any speed below its critical one with a delay 30 ms longer.
+
+    Raises:
+        ValueError: If a tuning is not positive, or there are fewer than two preview points.
+    """
+
+    preview: float = 2.2  # how far ahead he looks [s]
+    points: int = 22  # at so many points
+    calm: float = 0.2  # [m s/rad]
+    heading: float = 0.1  # [s]
+    delay: float = 0.10  # from seeing to acting [s]
+    lag: float = 0.08  # of arms and hands [s]
+    rate: float = 900 * DEG  # fastest turning of the hand wheel [rad/s]
+    limit: float = 400 * DEG  # largest angle of the hand wheel [rad]
+
+    def __post_init__(self) -> None:
+        for name in ("preview", "calm", "lag", "rate", "limit"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
+        if not (0 <= self.delay < math.inf and 0 <= self.heading < math.inf and self.points >= 2):
+            raise ValueError(f"delay and heading must not be negative and points at least 2, not {self}")
+
+    def init(self, nominal: Nominal) -> Hands:
+        """Hands at rest on a straight hand wheel."""
+        dt, ratio = nominal.dt, nominal.vehicle.steering_ratio
+        reach = tuple(self.preview * (k + 1) / self.points for k in range(self.points))
+        skill = Skill(reach, self.calm, self.heading, self.lag, round(self.delay / dt), dt)
+        follow, pending = 1 - math.exp(-dt / self.lag), (0.0,) * (skill.delay + 1)
+        gains = practised(nominal.vehicle, skill)
+        return Hands(gains, reach, follow, self.rate * dt / ratio, self.limit / ratio, pending, 0.0)
+
+    def steer(self, hands: Hands, path: Path, car: Car) -> Hands:
+        """The hands one step on."""
+        gains_at, reach, follow, most, limit, pending, angle = hands
+        state = car.state.tolist()
+        speed = min(max(state[VX], SLOWEST), FASTEST)
+        sideways = min(max(state[VY], -speed), speed)
+        turning = min(max(state[YAW_RATE], -FASTEST_TURN), FASTEST_TURN)
+        gains = gains_at[int(speed - SLOWEST + 0.5)]
+        offsets = path.look(state[X], state[Y], state[YAW], [speed * t for t in reach])
+        wanted = sum(map(mul, gains.ahead, offsets)) - sum(map(mul, gains.pending, pending))
+        wanted -= gains.sideways * sideways + gains.turning * turning + gains.held * angle
+        change = follow * (pending[0] - angle)
+        angle += min(max(change, -most), most)
+        return Hands(gains_at, reach, follow, most, limit, (*pending[1:], min(max(wanted, -limit), limit)), angle)
+
+
+DRIVER = Steering()
+
+FIRM = 0.8 * GRAVITY  # deceleration for which the brakes are balanced [m/s2]
+STRONGEST = 3.0  # acceleration that the engine can give [m/s2]
+EAGER = 2.0  # acceleration that the driver wants for each metre per second too slow [1/s]
+
+
+class Pedals(NamedTuple):
+    """Torque at each wheel for an acceleration, and for a deceleration, of 1 m/s2 on a level road, (4,) [N m s2/m].
+
+    The brakes are balanced as the wheels' loads are at 0.8 g (chosen), so that the front ones lock first below it.
+    """
+
+    drive: Array
+    brake: Array
+
+    def hold(self, speed: float, car: Car) -> Array:
+        """Drive torques that bring the car back to a speed from below; from above it coasts, (4,) [N m]."""
+        wanted = min(EAGER * (speed - car.vx), STRONGEST)
+        return self.drive * wanted if wanted > 0 else NO_TORQUE
+
+
+def pedals(vehicle: Vehicle) -> Pedals:
+    """The pedals of a car."""
+    torque = 0.5 * vehicle.mass * vehicle.wheel_radius
+    front = vehicle.front_drive
+    load = min(1.0, (vehicle.lr + FIRM / GRAVITY * vehicle.height) / vehicle.wheelbase)
+    drive, brake = torque * np.array([[s, s, 1 - s, 1 - s] for s in (front, load)])
+    return Pedals(drive, brake)

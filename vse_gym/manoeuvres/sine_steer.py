@@ -1,0 +1,48 @@
+"""Sine steer: periods of a sine of the hand wheel within a window of time."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
+from vse_gym.manoeuvres.followed import largest
+from vse_gym.manoeuvres.steady_speed import SteadySpeed, held_together
+from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
+from vse_gym.types import Log
+
+
+@dataclass(frozen=True)
+class SineSteer(SteadySpeed):
+    """The hand wheel as a sine between two times, straight before and after, at a steady speed.
+
+    As it is: one period of 4 s and 60 deg from 2 to 6 s at 80 km/h, of Tian, Zhang, Wang, Chen (2018), J. Jilin
+    University (Engineering). With ``period=2, stop=8``, 60 km/h and friction 0.85: of Wang, Wei, Zhao, Zhang, Yan
+    (2017), doi:10.3969/j.issn.1004-132X.2017.06.019.
+
+    Judged by (chosen): sideslip. Reported: largest yaw rate and lateral acceleration.
+    """
+
+    duration: float = 8.0
+    amplitude: float = 60 * DEG  # of the hand wheel, positive: first to the left [rad]
+    period: float = 4.0  # [s]
+    begin: float = 2.0  # [s]
+    stop: float = 6.0  # [s]
+
+    positive: ClassVar[tuple[str, ...]] = ("period",)
+
+    def hand_wheel(self, time: float) -> float:
+        if not self.begin < time < self.stop:
+            return 0.0
+        return self.amplitude * math.sin(2 * math.pi * (time - self.begin) / self.period)
+
+    def verdict(self, log: Log, nominal: Nominal) -> Verdict:
+        """The largest sideslip is judged."""
+        return Verdict(
+            (
+                held_together(log),
+                Criterion("largest yaw rate", largest(log.truth[:, p.YAW_RATE]) / DEG, 30, "deg/s", judged=False),
+                Criterion("largest lateral acceleration", largest(log.truth[:, p.AY]), 9.81, "m/s2", judged=False),
+                Criterion("speed lost", float(log.truth[0, p.VX] - log.truth[-1, p.VX]), 1.0, "m/s", judged=False),
+            )
+        )

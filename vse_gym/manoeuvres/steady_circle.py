@@ -1,0 +1,89 @@
+"""Steady-state circle: the understeer gradient of ISO 4138."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from vse_gym.manoeuvres.base import DEG, KMH, Criterion, Verdict
+from vse_gym.manoeuvres.driver import Pedals
+from vse_gym.manoeuvres.followed import LEFT, Followed, largest, strayed, true_vehicle
+from vse_gym.manoeuvres.path import Circle
+from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
+from vse_gym.types import NO_TORQUE, Array, Car, Log
+
+FITTED = 3.0  # lateral acceleration up to which the gradient is fitted, on friction 0.9 (chosen) [m/s2]
+
+
+@dataclass(frozen=True)
+class SteadyCircle(Followed):
+    """Round a circle of constant radius, faster and faster, so slowly that each instant is a steady state: ISO 4138.
+
+    100 m (k), from 25 km/h on at 0.25 m/s2 until 4 m/s2 of lateral acceleration (chosen).
+
+    Judged by (chosen): distance from the circle, and that the car cornered at 3 m/s2, so that the fit has its data.
+    Reported: understeer gradient, in road-wheel angle, at small lateral acceleration; theory's stands as its limit.
+    """
+
+    speed: float = 25 * KMH
+    duration: float = 60.0
+    radius: float = 100.0  # [m]
+    side: float = 1.0  # 1 to the left, -1 to the right
+    settle: float = 5.0  # time at the start speed before it rises [s]
+    gain: float = 0.25  # of speed [m/s2]
+    most: float = 4.0  # lateral acceleration at which the speed stays [m/s2]
+
+    positive: ClassVar[tuple[str, ...]] = ("gain", "most", "radius")
+    not_negative: ClassVar[tuple[str, ...]] = ("settle",)
+
+    def path(self, vehicle: p.Vehicle) -> Circle:
+        return Circle(self.side * self.radius)
+
+    def wanted(self, time: float) -> float:
+        """Speed that the driver holds [m/s]."""
+        last = max(self.speed, math.sqrt(self.most * self.radius))
+        return min(last, self.speed + self.gain * max(0.0, time - self.settle))
+
+    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array]:
+        return feet.hold(self.wanted(time), car), NO_TORQUE
+
+    def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
+        return abs(self.path(vehicle).stray_of(car.x, car.y)) > LEFT
+
+    def verdict(self, log: Log, nominal: Nominal) -> Verdict:
+        """The circle must be kept and 3 m/s2 reached; the gradient is reported."""
+        settled = log.time >= self.settle
+        away = largest(strayed(self.path(nominal.vehicle), log)[settled])
+        theory = true_vehicle(log, nominal).understeer_gradient / DEG * p.GRAVITY
+        reached = largest(log.truth[:, p.AY])
+        return Verdict(
+            (
+                Criterion("largest distance from the circle", away, 1.0, "m"),
+                Criterion("largest lateral acceleration", reached, FITTED, "m/s2", at_least=True),
+                Criterion(
+                    "understeer gradient",
+                    understeer_gradient(log, self.settle) / DEG * p.GRAVITY,
+                    theory,
+                    "deg/g",
+                    judged=False,
+                ),
+            )
+        )
+
+
+def understeer_gradient(log: Log, since: float, most: float = FITTED) -> float:
+    """Slope at no lateral acceleration of the road-wheel angle beyond that of a car without sideslip [rad s2/m].
+
+    The angle beyond wheelbase times curvature is fitted, from a time on and up to a lateral acceleration, by a parabola
+    through which the tyres' softening goes. NaN if there is too little to fit.
+    """
+    speed = np.hypot(log.truth[:, p.VX], log.truth[:, p.VY])
+    use = (log.time >= since) & (np.abs(log.truth[:, p.AY]) <= most) & (speed > 1.0)
+    if np.count_nonzero(use) < 100:
+        return math.nan
+    curvature = log.truth[use, p.YAW_RATE] / speed[use]
+    side = math.copysign(1.0, float(np.mean(curvature)))
+    columns = np.column_stack((side * curvature, side * log.truth[use, p.AY], log.truth[use, p.AY] ** 2))
+    return float(np.linalg.lstsq(columns, side * log.steer[use], rcond=None)[0][1])
