@@ -177,7 +177,7 @@ def solve(shape: Shape, qp: Programme, dual: Array) -> tuple[Array, Array] | Non
     solver = osqp.OSQP()
     solver.setup(shape.P, qp.q, matrix, qp.low, qp.high, **SETTINGS)
     solver.warm_start(x=qp.guess, y=dual)
-    result = solver.solve()
+    result = solver.solve(raise_error=False)
     if result.info.status != "solved" or not np.isfinite(result.x).all():
         return None
     return result.x, result.y
