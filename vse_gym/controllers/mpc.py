@@ -82,10 +82,11 @@ def shape(steps: int, weights: tuple[float, float, float]) -> Shape:
 
 
 @compiled
-def programme(x, a, b, c, wanted, yaw_weight, bound, most):
+def programme(plan, x, a, b, c, wanted, yaw_weight, bound, most):
     """The quadratic programme about a trajectory, all in UNITS.
 
     Args:
+        plan: The trajectory's moments, (N,).
         x, a, b, c: From :func:`linearise`.
         wanted: Yaw rates, (N,).
         yaw_weight: On their errors [-].
@@ -113,7 +114,7 @@ def programme(x, a, b, c, wanted, yaw_weight, bound, most):
         entries[n + 6], entries[n + 7], entries[n + 8] = 1.0, -1.0, 1.0
         low[base + 3], high[base + 3] = -bound, bound
         low[base + 4], high[base + 4] = -most, most
-        guess[base + 4] = beyond(x[k + 1, 0], bound)
+        guess[base + 3], guess[base + 4] = plan[k], beyond(x[k + 1, 0], bound)
         n += 9 if k == 0 else 18
     return Programme(entries, q, low, high, guess)
 
@@ -158,9 +159,7 @@ def prepare(constants, memory, plan, vx, vy, yaw_rate, ay, steer, friction, brak
         for _ in range(round(2 / aims.share) if k == 0 else round(1 / aims.share)):
             later, held = follow_reference(reference, later, held, vx, ay, steer)
         targets[k] = (later + let_be) / UNITS[1]
-    qp = programme(x, a, b, c, targets, yaw_weight, aims.sideslip_bound / UNITS[0], most)
-    for k in range(plan.size):
-        qp.guess[STAGE * k + 3] = moved[k]
+    qp = programme(moved, x, a, b, c, targets, yaw_weight, aims.sideslip_bound / UNITS[0], most)
     return np.array((wanted, envelope)), acts, moved, qp
 
 
