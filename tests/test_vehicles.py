@@ -90,6 +90,18 @@ def test_an_unknown_key_is_named(tmp_path):
         load(written(tmp_path, f'{QIN}\ncolour = "red"\n'))
 
 
+def test_a_key_with_a_default_may_be_left_out(tmp_path):
+    proportional = QIN.replace("cornering_stiffness = 34377.0", "cornering_stiffness = 34377.0\nreference_load = 3700")
+    tyre = p.PolynomialTyre(120e3, 34377.0, 3700.0)
+    assert load(written(tmp_path, proportional)) == load("qin2014")._replace(front_tyre=tyre, rear_tyre=tyre)
+
+
+@pytest.mark.parametrize("field", ["steering_offset", "radius_error"])
+def test_a_file_does_not_say_how_one_very_car_differs(tmp_path, field):
+    with pytest.raises(ValueError, match=rf"mine\.toml.*{field}"):
+        load(written(tmp_path, f"{field} = 0.01\n{QIN}"))
+
+
 def test_an_unknown_tyre_law_is_told_the_known_ones(tmp_path):
     with pytest.raises(ValueError, match=r"front_tyre\.law") as refusal:
         load(written(tmp_path, QIN.replace("polynomial", "rubber", 1)))
@@ -103,13 +115,26 @@ def test_a_number_that_cannot_be_is_refused_by_name(field, wrong):
         load(load("qin2014")._replace(**{field: wrong}))
 
 
-@pytest.mark.parametrize("field", p.PolynomialTyre._fields)
-@pytest.mark.parametrize("wrong", [-1.0, 0.0, math.nan])
-def test_a_tyre_that_cannot_be_is_refused_by_name(field, wrong):
-    vehicle = load("qin2014")
-    tyre = vehicle.rear_tyre._replace(**{field: wrong})
+MAGIC = p.MagicFormulaTyre(66909.0, 65760.0, 3000.0, 1.6, 1.3, 0.4, -0.1, 1.1, 1.0)
+STIFFNESSES = ["slip_stiffness", "cornering_stiffness"]
+WRONG_TYRES = [
+    *((p.PolynomialTyre(1e5, 3e4), field, wrong) for field in STIFFNESSES for wrong in (-1.0, 0.0, math.nan)),
+    *((p.PolynomialTyre(1e5, 3e4), "reference_load", wrong) for wrong in (-1.0, math.nan)),  # 0: at every load alike
+    *((MAGIC, field, math.nan) for field in MAGIC._fields),
+    *((MAGIC, field, 0.0) for field in [*STIFFNESSES, "reference_load", "peak_x", "peak_y"]),
+    *((MAGIC, field, wrong) for field in ("shape_x", "shape_y") for wrong in (0.99, 2.0)),
+    *((MAGIC, field, 1.01) for field in ("curvature_x", "curvature_y")),
+    (p.FialaTyre(1e5, 3e4, 0.07), "trail", -0.01),
+    *((p.DugoffTyre(1e5, 3e4), field, 0.0) for field in STIFFNESSES),
+]
+
+
+@pytest.mark.parametrize(("tyre", "field", "wrong"), WRONG_TYRES, ids=lambda v: getattr(type(v), "__name__", v))
+def test_a_tyre_that_cannot_be_is_refused_by_name(tyre, field, wrong):
+    vehicle = load("qin2014")._replace(rear_tyre=tyre)
+    assert load(vehicle) == vehicle
     with pytest.raises(ValueError, match=rf"rear_tyre\.{field}"):
-        load(vehicle._replace(rear_tyre=tyre))
+        load(vehicle._replace(rear_tyre=tyre._replace(**{field: wrong})))
 
 
 @pytest.mark.parametrize("field", SHARES)

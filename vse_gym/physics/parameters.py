@@ -29,6 +29,28 @@ class PolynomialTyre(NamedTuple):
 
     slip_stiffness: float  # force per unit slip ratio [N]
     cornering_stiffness: float  # lateral force per unit tan(slip angle) [N/rad]
+    reference_load: float = 0.0  # load at which they hold; they are in proportion to it. 0: at every load alike [N]
+
+
+class MagicFormulaTyre(NamedTuple):
+    """Pacejka's Magic Formula along and across, combined by similarity; stiffness in proportion to load."""
+
+    slip_stiffness: float  # at the reference load [N]
+    cornering_stiffness: float  # at the reference load [N/rad]
+    reference_load: float  # [N]
+    shape_x: float  # C of the longitudinal force, in [1, 2) [-]
+    shape_y: float  # C of the lateral force [-]
+    curvature_x: float  # E of the longitudinal force, at most 1 [-]
+    curvature_y: float  # E of the lateral force [-]
+    peak_x: float  # largest longitudinal force over friction times load [-]
+    peak_y: float  # largest lateral force over friction times load [-]
+
+
+class DugoffTyre(NamedTuple):
+    """Dugoff's closed form of a tyre that sticks and slides, both forces sharing the friction."""
+
+    slip_stiffness: float  # [N]
+    cornering_stiffness: float  # [N/rad]
 
 
 class FialaTyre(NamedTuple):
@@ -54,9 +76,11 @@ class LinearTyre(NamedTuple):
     cornering_stiffness: float  # [N/rad]
 
 
-Tyre = PolynomialTyre | FialaTyre | EllipseTyre | LinearTyre
+Tyre = PolynomialTyre | MagicFormulaTyre | DugoffTyre | FialaTyre | EllipseTyre | LinearTyre
 TYRES: dict[str, type] = {
     "polynomial": PolynomialTyre,
+    "magic_formula": MagicFormulaTyre,
+    "dugoff": DugoffTyre,
     "fiala": FialaTyre,
     "ellipse": EllipseTyre,
     "linear": LinearTyre,
@@ -177,6 +201,28 @@ def road(*segments: tuple[float, float], slope: float = 0.0, bank: float = 0.0) 
     return Road(start, friction, friction.copy(), slope * level, bank * level)
 
 
+SHARES = ("front_transfer", "front_drive")
+MAY_BE_ZERO = ("height", "front_overhang", "rear_overhang", "trail")
+
+
+def _complaint(name: str, value: Any, default: float | None) -> str:
+    """What is wrong with one number of a car; nothing if it can be. Tyres' numbers are named ``front_tyre.shape_x``."""
+    part, _, field = name.rpartition(".")
+    if not isinstance(value, int | float | np.number) or isinstance(value, bool) or not np.isfinite(value):
+        return f"{name} = {value!r} is not a finite number"
+    if field in SHARES:
+        return "" if 0 <= value <= 1 else f"{name} = {value} must lie in [0, 1]"
+    if field == "steering_offset" or part == "radius_error":
+        return "" if -0.5 < value < 0.5 else f"{name} = {value} must lie within 0.5"
+    if field in MAY_BE_ZERO or default == 0:
+        return "" if value >= 0 else f"{name} = {value} must not be negative"
+    if field in ("shape_x", "shape_y"):  # above 2 a sliding tyre would push the car on
+        return "" if 1 <= value < 2 else f"{name} = {value} must lie in [1, 2)"
+    if field in ("curvature_x", "curvature_y"):
+        return "" if value <= 1 else f"{name} = {value} must not exceed 1"
+    return "" if value > 0 else f"{name} = {value} must be positive"
+
+
 def check_vehicle(vehicle: Vehicle) -> Vehicle:
     """Hand back a car whose numbers a plant can use, every one of them a float.
 
@@ -185,29 +231,15 @@ def check_vehicle(vehicle: Vehicle) -> Vehicle:
     """
     parts = ("front_tyre", "rear_tyre", "radius_error")
     numbers: dict[str, Any] = {k: v for k, v in vehicle._asdict().items() if k not in parts}
+    defaults: dict[str, Any] = dict(Vehicle._field_defaults)
     for part in parts:
         kind = type(getattr(vehicle, part))
         if part != "radius_error" and kind not in TYRES.values():
             raise ValueError(f"{part} must be one of {', '.join(TYRES)}, not {kind.__name__}")
         numbers |= {f"{part}.{k}": v for k, v in getattr(vehicle, part)._asdict().items()}
-    shares = {"front_transfer", "front_drive"}
-    may_be_zero = {"height", "front_overhang", "rear_overhang", "front_tyre.trail", "rear_tyre.trail"}
-    wrong = []
-    value: Any
-    for name, value in numbers.items():
-        if not isinstance(value, int | float | np.number) or isinstance(value, bool) or not np.isfinite(value):
-            wrong.append(f"{name} = {value!r} is not a finite number")
-        elif name in shares:
-            if not 0 <= value <= 1:
-                wrong.append(f"{name} = {value} must lie in [0, 1]")
-        elif name in may_be_zero:
-            if value < 0:
-                wrong.append(f"{name} = {value} must not be negative")
-        elif name == "steering_offset" or name.startswith("radius_error"):
-            if not -0.5 < value < 0.5:
-                wrong.append(f"{name} = {value} must lie within 0.5")
-        elif value <= 0:
-            wrong.append(f"{name} = {value} must be positive")
+        defaults |= {f"{part}.{k}": v for k, v in kind._field_defaults.items()}
+    complaints = (_complaint(name, value, defaults.get(name)) for name, value in numbers.items())
+    wrong = [complaint for complaint in complaints if complaint]
     if wrong:
         raise ValueError("vehicle: " + "; ".join(wrong))
     # an int field would compile a second kernel

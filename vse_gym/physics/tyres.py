@@ -7,7 +7,7 @@ of the wheel's velocity, so that positive alpha pushes left.
 import math
 
 from vse_gym.compiled import compiled, generic
-from vse_gym.physics.parameters import EllipseTyre, FialaTyre, LinearTyre, PolynomialTyre
+from vse_gym.physics.parameters import DugoffTyre, EllipseTyre, FialaTyre, LinearTyre, MagicFormulaTyre, PolynomialTyre
 
 KNOT = 1.5944  # where the polynomial's slope is zero; the print's 1.54 would leave a kink
 PLATEAU = 1.00630  # its value there, and beyond
@@ -56,20 +56,84 @@ def tyre_force(tyre, kappa, tan_alpha, load, friction):
     """
 
 
+@compiled
+def _load_share(tyre, load):
+    """What the load makes of a tyre's stiffness: a factor."""
+    return load / tyre.reference_load if tyre.reference_load > 0 else 1.0
+
+
 @tyre_force.register(PolynomialTyre)
 @compiled
 def _(tyre, kappa, tan_alpha, load, friction):
     # The vector form: the polynomial acts on the length of the normalised slip vector. Force and slip have the same
     # sign in each direction, so the tyre never creates power, and hypot(fx, fy) <= 1.0063 friction load.
     limit = friction * load + TINY
-    ux = tyre.slip_stiffness * kappa / limit
-    uy = tyre.cornering_stiffness * tan_alpha / limit
+    share = _load_share(tyre, load)
+    slip_stiffness = share * tyre.slip_stiffness
+    ux = slip_stiffness * kappa / limit
+    uy = share * tyre.cornering_stiffness * tan_alpha / limit
     u = math.sqrt(ux * ux + uy * uy) + TINY  # so that a rolling tyre has a direction too
     p, dp = polynomial(u)
     cx, cy = ux / u, uy / u
     secant = p / u
-    slope = tyre.slip_stiffness * (secant + (dp - secant) * cx * cx)
+    slope = slip_stiffness * (secant + (dp - secant) * cx * cx)
     return limit * p * cx, limit * p * cy, 0.0, slope
+
+
+@compiled
+def magic_formula(x, shape, curvature):
+    """The Magic Formula sin(C atan(x - E (x - atan x))) of x = B slip >= 0, and its slope. Pacejka (2012), 4.3.
+
+    Returns:
+        value, slope: value in [0, 1], slope C at x = 0; the force is D times the value, and C B D the stiffness.
+    """
+    bent = math.atan(x)
+    argument = x - curvature * (x - bent)
+    angle = shape * math.atan(argument)
+    slope = shape * math.cos(angle) / (1 + argument * argument) * (1 - curvature * x * x / (1 + x * x))
+    return math.sin(angle), slope
+
+
+@tyre_force.register(MagicFormulaTyre)
+@compiled
+def _(tyre, kappa, tan_alpha, load, friction):
+    # Similarity, Pacejka (2012), 4.2: each force takes its pure-slip curve at the length of the vector of both
+    # slips, (Bx kappa, By tan(alpha)), and its component's share of it. Force and slip have the same sign in each
+    # direction; (fx/peak_x)^2 + (fy/peak_y)^2 <= (friction load)^2. B does not depend on the load.
+    grip = tyre.reference_load * friction
+    stiffness_x = tyre.slip_stiffness / (tyre.shape_x * tyre.peak_x * grip)
+    stiffness_y = tyre.cornering_stiffness / (tyre.shape_y * tyre.peak_y * grip)
+    ux, uy = stiffness_x * kappa, stiffness_y * tan_alpha
+    u = math.sqrt(ux * ux + uy * uy) + TINY
+    cx, cy = ux / u, uy / u
+    along, rise = magic_formula(u, tyre.shape_x, tyre.curvature_x)
+    across, _ = magic_formula(u, tyre.shape_y, tyre.curvature_y)
+    secant = along / u
+    limit_x, limit_y = tyre.peak_x * friction * load, tyre.peak_y * friction * load
+    slope = limit_x * stiffness_x * (secant + (rise - secant) * cx * cx)
+    return limit_x * along * cx, limit_y * across * cy, 0.0, max(0.0, slope)
+
+
+@tyre_force.register(DugoffTyre)
+@compiled
+def _(tyre, kappa, tan_alpha, load, friction):
+    # Dugoff, Fancher, Segel, SAE 700377 (1970), with one friction at every speed of sliding: up to half the friction
+    # the whole contact sticks. Slip is relative to the speed 1 + kappa at which the tread passes, in parts of the
+    # car's; written so that a locked wheel, where it is zero, gives all its friction.
+    limit, passing = friction * load, abs(1 + kappa)
+    ux, uy = tyre.slip_stiffness * kappa, tyre.cornering_stiffness * tan_alpha
+    u = math.sqrt(ux * ux + uy * uy) + TINY
+    cx, cy = ux / u, uy / u
+    forward = math.copysign(1.0, 1 + kappa)
+    if 2 * u <= limit * passing:
+        slope = tyre.slip_stiffness * (passing - forward * kappa) / (passing * passing)
+        return ux / passing, uy / passing, 0.0, max(0.0, slope)
+    left = 0.25 * limit / u  # of the friction, what sticking still keeps from use, per passing speed
+    force = limit * (1 - left * passing)
+    slope = (
+        tyre.slip_stiffness * limit / u * (cy * cy - left * passing * (cy * cy - cx * cx)) - limit * left * cx * forward
+    )
+    return force * cx, force * cy, 0.0, max(0.0, slope)
 
 
 @tyre_force.register(LinearTyre)
@@ -93,15 +157,18 @@ def _(tyre, kappa, tan_alpha, load, friction):
     return tyre.slip_stiffness * kappa, fy, mz, tyre.slip_stiffness
 
 
+@compiled
+def _within(force, limit, slope):
+    """A force up to its limit, and its slope, which ends there."""
+    return (force, slope) if abs(force) < limit else (math.copysign(limit, force), 0.0)
+
+
 @tyre_force.register(EllipseTyre)
 @compiled
 def _(tyre, kappa, tan_alpha, load, friction):
     # Longitudinal force first, up to the friction; the lateral force takes what the ellipse leaves.
     limit = friction * load + TINY
     fy, mz = _printed_lateral(tyre, tan_alpha, limit)
-    fx = tyre.slip_stiffness * kappa
-    slope = tyre.slip_stiffness
-    if abs(fx) >= limit:
-        fx, slope = math.copysign(limit, kappa), 0.0
+    fx, slope = _within(tyre.slip_stiffness * kappa, limit, tyre.slip_stiffness)
     left = math.sqrt(max(0.0, 1 - (fx / limit) ** 2))
     return fx, left * max(-limit, min(limit, fy)), left * mz, slope

@@ -32,7 +32,7 @@ def load(vehicle: str | Path | Vehicle) -> Vehicle:
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     for axle in ("front_tyre", "rear_tyre"):
         table[axle] = _tyre(path.name, axle, table.get(axle, {}))
-    _same_keys(path.name, table, tuple(f for f in Vehicle._fields if f not in Vehicle._field_defaults))
+    _check_keys(path.name, table, Vehicle, unknown_to_files=("steering_offset", "radius_error"))
     return check_vehicle(Vehicle(**table))
 
 
@@ -42,11 +42,13 @@ def _tyre(file: str, axle: str, table: dict[str, Any]) -> Any:
     if law not in TYRES:
         raise ValueError(f"{file}: {axle}.law must be one of {', '.join(TYRES)}, not {law!r}")
     kind: Any = TYRES[law]
-    _same_keys(f"{file}: {axle}", table, kind._fields)
+    _check_keys(f"{file}: {axle}", table, kind)
     return kind(**table)
 
 
-def _same_keys(where: str, table: dict[str, Any], fields: tuple[str, ...]) -> None:
-    if wrong := set(table) ^ set(fields):
-        missing, unknown = sorted(wrong & set(fields)), sorted(wrong - set(fields))
+def _check_keys(where: str, table: dict[str, Any], kind: Any, unknown_to_files: tuple[str, ...] = ()) -> None:
+    """A file says every field that has no default, and those with one if it likes."""
+    missing = sorted(set(kind._fields) - set(kind._field_defaults) - set(table))
+    unknown = sorted(set(table) - set(kind._fields) | set(table) & set(unknown_to_files))
+    if missing or unknown:
         raise ValueError(f"{where}: missing {missing or 'nothing'}, unknown {unknown or 'nothing'}")
