@@ -218,7 +218,8 @@ def ask(controller, states, steers):
         reading = Reading(0.0, inputs, np.zeros(7))
         demand, memory = controller.act(memory, Estimate(vx, vy, yaw_rate, 0.0, ay), reading)
         added.append(demand.added)
-        assert not demand.release.any()
+        assert not (demand.release[[0, 2]].any() and demand.release[[1, 3]].any())
+        assert not demand.added[demand.release > 0].any()  # what brakes one side lets go of the other
     return np.array(added)
 
 

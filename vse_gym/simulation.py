@@ -80,7 +80,7 @@ def next_row(constants, runge_kutta, substeps, h, memory, state, heard, steer, h
         runge_kutta: Whether the reference integrator is used.
         substeps: Steps of the plant, of h seconds each.
         h: [s].
-        memory: Of the brake unit, (1 + delay steps, 4).
+        memory: Of the brake unit, see :func:`released_brakes`.
         state: Of the plant, (STATE_SIZE,).
         heard: Last valid value of each channel, (10,).
         steer: Road-wheel angle [rad].

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vse_gym.compiled import compiled, generic, hold
-from vse_gym.controllers.allocation import allocate
+from vse_gym.controllers.allocation import allocate, let_go
 from vse_gym.controllers.base import Controller
 from vse_gym.controllers.reference import Reference, follow_reference
 from vse_gym.models import Nominal
-from vse_gym.types import NO_TORQUE, Array, BrakeDemand, Estimate, Reading
+from vse_gym.types import Array, BrakeDemand, Estimate, Reading
 
 DEG = math.pi / 180
 
@@ -43,14 +43,17 @@ def beyond(value, band):
 class MomentState(NamedTuple):
     """Constants, and what the recursion remembers."""
 
-    constants: Any  # reference, lag of the sideslip rate [s], law and geometry, held by compiled code
+    constants: Any  # reference, lag of the sideslip rate [s], moment of a whole release, law, geometry; held
     memory: Array  # reference yaw rate, envelope of |ay|, filtered sideslip rate, yaw moment, (4,)
 
 
 @compiled
 def stability_control(constants, memory, vx, vy, yaw_rate, ay, steer, friction):
-    """One step: brake torques to add (4,) [N m], and the memory after; a friction of NaN is not estimated."""
-    reference, lag, law, g = constants.value
+    """One step: torques to add (4,) [N m], shares to release (4,), and the memory after.
+
+    A friction of NaN is not estimated.
+    """
+    reference, lag, whole, law, g = constants.value
     out = np.empty(4)
     out[0], out[1] = follow_reference(reference, memory[0], memory[1], vx, ay, steer)
     speed = max(vx, 1.0)
@@ -59,7 +62,7 @@ def stability_control(constants, memory, vx, vy, yaw_rate, ay, steer, friction):
     out[2] = memory[2] + blend * (ay / speed - yaw_rate - memory[2])
     known = reference.friction if math.isnan(friction) else friction
     out[3] = yaw_moment(law, yaw_rate - out[0], sideslip, out[2], speed, known)
-    return allocate(g, out[3], vx, yaw_rate, steer), out
+    return allocate(g, out[3], vx, yaw_rate, steer), let_go(out[3], vx, whole), out
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ class MomentControl(Controller):
     reference_lag: float = 0.06  # [s]
     envelope_release: float = 1.0  # [s]
     sideslip_rate_lag: float = 0.03  # [s]
+    whole_release: float = 4e3  # moment from which the other side's driver torque is let go; infinite: never [N m]
 
     @abstractmethod
     def law(self, nominal: Nominal) -> Any:
@@ -81,16 +85,12 @@ class MomentControl(Controller):
         return Reference(nominal.vehicle.wheelbase, *map(float, lags))
 
     def init(self, nominal: Nominal) -> MomentState:
-        constants = (
-            self.reference(nominal),
-            float(self.sideslip_rate_lag),
-            self.law(nominal),
-            nominal.vehicle.geometry,
-        )
-        return MomentState(hold(constants), np.zeros(4))
+        law, geometry = self.law(nominal), nominal.vehicle.geometry
+        lag, whole = float(self.sideslip_rate_lag), float(self.whole_release)
+        return MomentState(hold((self.reference(nominal), lag, whole, law, geometry)), np.zeros(4))
 
     def act(self, state: MomentState, estimate: Estimate, reading: Reading) -> tuple[BrakeDemand, MomentState]:
         constants, memory = state
         seen = (estimate.vx, estimate.vy, estimate.yaw_rate, estimate.ay, reading.steer, estimate.friction)
-        added, memory = stability_control(constants, memory, *seen)
-        return BrakeDemand(added, NO_TORQUE), MomentState(constants, memory)
+        added, release, memory = stability_control(constants, memory, *seen)
+        return BrakeDemand(added, release), MomentState(constants, memory)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from vse_gym.compiled import compiled, hold
-from vse_gym.controllers.allocation import SLOWEST, allocate, largest_moment
+from vse_gym.controllers.allocation import SLOWEST, allocate, largest_moment, let_go
 from vse_gym.controllers.base import Controller
 from vse_gym.controllers.moment import DEG, beyond
 from vse_gym.controllers.prediction import UNITS, bicycle, linearise, predict
@@ -16,7 +16,7 @@ from vse_gym.controllers.reference import Reference, follow_reference
 from vse_gym.models import Nominal
 from vse_gym.physics.double_track import wheel_position
 from vse_gym.physics.parameters import GRAVITY
-from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Estimate, Reading
+from vse_gym.types import NO_BRAKE, Array, BrakeDemand, Estimate, Reading
 
 STAGE = 5  # variables and constraints of a step of the prediction
 
@@ -228,6 +228,7 @@ class ModelPredictiveControl(Controller):
     understeer: float = 0.0020  # of the reference [rad s2/m]
     reference_lag: float = 0.06  # [s]
     envelope_release: float = 1.0  # [s]
+    whole_release: float = 4e3  # moment from which the other side's driver torque is let go; infinite: never [N m]
 
     @property
     def weights(self) -> tuple[float, float, float]:
@@ -260,6 +261,6 @@ class ModelPredictiveControl(Controller):
             state = state._replace(memory=memory, plan=plan, unsolved=state.unsolved + 1)
         else:
             state = state._replace(memory=memory, plan=found[0][3::STAGE], dual=found[1])
-        geometry = state.constants.value[2]
-        added = allocate(geometry, state.plan[0] * UNITS[2], estimate.vx, estimate.yaw_rate, reading.steer)
-        return BrakeDemand(added, NO_TORQUE), state
+        geometry, moment = state.constants.value[2], state.plan[0] * UNITS[2]
+        added = allocate(geometry, moment, estimate.vx, estimate.yaw_rate, reading.steer)
+        return BrakeDemand(added, let_go(moment, estimate.vx, self.whole_release)), state
