@@ -130,14 +130,13 @@ def main() -> None:
                 end="",
             )
             print(f"{true / scan[best]:9.3f}{told / scan[best]:9.3f}")
-    print(
-        "\nsplit friction, largest |heading| [deg] (distance): hands off with none, esc, esc without release; steered, none, esc"
-    )
+    print("\nsplit friction, largest |heading| [deg] and distance: hands off, then steered")
+    print(f"{'car':20s}" + "".join(f"{who:>19s}" for who in ("none", "esc", "esc, no release", "none", "esc")))
     laws = ("none", "esc", StabilityControl(whole_release=math.inf))
     for car in args.cars:
         ways = [stop(car, Stop(friction=0.9, right=0.3), law=law) for law in laws]
         ways += [stop(car, Stop(friction=0.9, right=0.3, steering=STEERING), law=law) for law in laws[:2]]
-        print(f"{car:40s} " + " ".join(f"{math.degrees(turned):6.1f} ({way:5.1f} m)" for way, turned in ways))
+        print(f"{car:20s}" + "".join(f"{math.degrees(turned):8.1f} ({way:6.1f} m)" for way, turned in ways))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from vse_gym.catalogue import CONTROLLERS
-from vse_gym.controllers.allocation import SLOWEST, SMALLEST, allocate, largest_moment
+from vse_gym.controllers.allocation import SLOWEST, SMALLEST, allocate, largest_moment, let_go
 from vse_gym.estimators.anchors import Truth
 from vse_gym.manoeuvres.slowly_increasing_steer import steer_at_0_3g
 from vse_gym.models import Nominal
@@ -197,6 +197,15 @@ def test_allocation_is_off_at_walking_pace(moment, vx, yaw_rate, steer):
 @given(st.floats(-SMALLEST, SMALLEST, exclude_min=True, exclude_max=True), speeds, yaw_rates, steers)
 def test_allocation_lets_small_moments_be(moment, vx, yaw_rate, steer):
     assert not allocate(GEOMETRY, moment, vx, yaw_rate, steer).any()
+
+
+@some_examples
+@given(moments, st.floats(-5, 50))
+def test_the_drivers_brake_is_let_go_on_the_other_side_in_proportion(moment, vx):
+    release = let_go(moment, vx, 4e3)
+    share = min(1.0, abs(moment) / 4e3) if vx >= SLOWEST and abs(moment) >= SMALLEST else 0.0
+    assert release.tolist() == [share * (moment < 0), share * (moment > 0)] * 2
+    assert not let_go(moment, vx, math.inf).any()
 
 
 def test_the_largest_moment_is_what_one_side_gives_at_its_caps():

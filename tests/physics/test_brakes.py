@@ -28,14 +28,24 @@ def rolling(vx, vy=0.0, yaw_rate=0.0, steer=0.0):
     return np.array([0.0, 0.0, 0.0, *along]) / CAR.wheel_radius
 
 
-def respond(steps, dt=0.01, driver=NOTHING, added=NOTHING, release=NOTHING, memory=None, heard=None, velocity=STANDING):
+def respond(
+    steps,
+    dt=0.01,
+    driver=NOTHING,
+    added=NOTHING,
+    release=NOTHING,
+    memory=None,
+    heard=None,
+    velocity=STANDING,
+    unit=UNIT,
+):
     """Torques of so many control steps under one demand, (steps, 4), and the memory after."""
-    memory = released_brakes(UNIT, dt) if memory is None else memory
+    memory = released_brakes(unit, dt) if memory is None else memory
     heard = np.zeros(7) if heard is None else heard
     torques = []
     for k in range(steps):
         speeds = heard * (1 + 1e-9 * (k % 2))  # a sensor that speaks never says the same twice
-        memory = brake_torques(UNIT, CAR.geometry, memory, driver, added, release, speeds, velocity, 0.0, dt)
+        memory = brake_torques(unit, CAR.geometry, memory, driver, added, release, speeds, velocity, 0.0, dt)
         torques.append(memory[0])
     return np.array(torques), memory
 
@@ -124,8 +134,9 @@ def test_only_the_wheel_that_locks_is_let_go_and_its_neighbour_waits(wheel):
     np.testing.assert_allclose(torques[-1, others], 700, rtol=1e-6)
     rate = UNIT.yaw_build_up_front if wheel < 2 else UNIT.yaw_build_up_rear
     neighbour = torques[:, wheel + 1 if wheel % 2 == 0 else wheel - 1]
-    assert np.diff(neighbour).max() <= rate * 0.01 * (1 + 1e-9)
-    assert neighbour[-1] == pytest.approx(min(700, 2 * rate), rel=0.05)  # 2 s, less the dead time
+    begun = neighbour > 1.1 * UNIT.least  # as much as the wheel itself it has at once
+    assert np.diff(neighbour[begun]).max() == pytest.approx(rate * 0.01, rel=0.1)
+    assert neighbour.max() <= 700
 
 
 def test_locked_wheels_keep_their_torque_below_the_slowest_speed():
@@ -135,8 +146,9 @@ def test_locked_wheels_keep_their_torque_below_the_slowest_speed():
 
 def test_a_wheel_that_the_turning_car_carries_slowly_keeps_its_torque():
     # The inner wheels go at 3 - 0.76 x 3 and 3 - 0.80 x 3 m/s: too slow to speak of slip.
-    torques, _ = respond(200, driver=np.full(4, 700.0), velocity=(3.0, 0.0, 3.0))
-    np.testing.assert_allclose(torques[-1], [700, 0, 700, 0], rtol=1e-9)
+    alone = UNIT._replace(yaw_build_up_front=np.inf, yaw_build_up_rear=np.inf)
+    torques, _ = respond(200, driver=np.full(4, 700.0), velocity=(3.0, 0.0, 3.0), unit=alone)
+    np.testing.assert_allclose(torques[-1], [700, UNIT.least, 700, UNIT.least], rtol=1e-9)
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ def _delay_yaw(unit, memory, driver, held):
     for i in range(4):
         other = i + 1 if i % 2 == 0 else i - 1
         rate = unit.yaw_build_up_front if i < 2 else unit.yaw_build_up_rear
-        driver[i] = min(driver[i], max(held[other], memory[0, i] + rate * unit.lag))
+        driver[i] = min(driver[i], max(held[other], memory[0, i] + rate * (unit.lag + unit.dead_time)))
 
 
 @compiled
