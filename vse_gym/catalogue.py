@@ -26,6 +26,10 @@ CONTROLLERS: Registry[Any] = Registry(
         "none": "vse_gym.controllers.base:NoControl",
         "esc": "vse_gym.controllers.esc:StabilityControl",
         "sideslip_esc": "vse_gym.controllers.esc:SideslipStabilityControl",
+        "lqr": "vse_gym.controllers.lqr:LinearQuadraticRegulator",
+        "sliding_mode": "vse_gym.controllers.sliding_mode:SlidingModeControl",
+        "phase_plane": "vse_gym.controllers.phase_plane:PhasePlaneControl",
+        "mpc": "vse_gym.controllers.mpc:ModelPredictiveControl",
     },
     base="vse_gym.controllers.base:Controller",
 )

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from vse_gym.catalogue import CONTROLLERS
 from vse_gym.controllers.allocation import agent_demand, as_torques
 from vse_gym.controllers.base import Controller, NoControl
-from vse_gym.controllers.esc import StabilityControl, follow_reference
+from vse_gym.controllers.esc import StabilityControl
 from vse_gym.controllers.observation import Encoder
+from vse_gym.controllers.reference import follow_reference
 from vse_gym.estimators.base import Estimator
 from vse_gym.listener import true_estimate
 from vse_gym.manoeuvres.base import Manoeuvre

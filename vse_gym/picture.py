@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vse_gym.controllers.esc import StabilityControl, follow_reference
+from vse_gym.controllers.esc import StabilityControl
+from vse_gym.controllers.reference import follow_reference
 from vse_gym.metrics import sideslip_std
 from vse_gym.physics import parameters as p
 from vse_gym.simulation import Scenario

@@ -107,7 +107,7 @@ def next_row(constants, runge_kutta, substeps, h, memory, state, sensed, steer, 
         runge_kutta: Whether the reference integrator is used.
         substeps: Steps of the plant, of h seconds each.
         h: [s].
-        memory: Of the brake unit, (1 + delay steps, 4).
+        memory: Of the brake unit, see :func:`released_brakes`.
         state: Of the plant, (STATE_SIZE,).
         sensed: Memory of the sensors, (1 + delay steps, 10); its first row is the last valid value of each channel.
         steer: Road-wheel angle [rad].

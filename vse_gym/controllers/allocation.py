@@ -45,6 +45,19 @@ def allocate(g, moment, vx, yaw_rate, steer):
 
 
 @compiled
+def let_go(moment, vx, whole):
+    """Shares (4,) of the driver's torque to release for a yaw moment [N m], positive left: those of the other side.
+
+    All of it from a moment of ``whole`` on. On split friction braking more turns nothing, braking less does.
+    """
+    release = np.zeros(4)
+    if vx >= SLOWEST and abs(moment) >= SMALLEST:
+        front, rear = (1, 3) if moment > 0 else (0, 2)
+        release[front] = release[rear] = min(1.0, abs(moment) / whole)
+    return release
+
+
+@compiled
 def agent_demand(g, base_added, base_release, action, yaw_moment, vx, yaw_rate, steer):
     """A controller's demand with an agent's action on top: torques to add and shares to release, (4,) and (4,).
 

@@ -1,47 +1,14 @@
-"""Electronic stability control: a reference yaw rate, a yaw moment from the errors, brakes on one side."""
+"""Electronic stability control as in production: proportional to what exceeds bands of yaw rate error and sideslip."""
 
-import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-
-from vse_gym.compiled import compiled, hold
-from vse_gym.controllers.allocation import allocate
-from vse_gym.controllers.base import Controller
+from vse_gym.compiled import compiled
+from vse_gym.controllers.moment import DEG, MomentControl, beyond, yaw_moment
 from vse_gym.models import Nominal
-from vse_gym.physics.parameters import GRAVITY
-from vse_gym.types import NO_TORQUE, Array, BrakeDemand, Estimate, Reading
-
-DEG = math.pi / 180
 
 
-class Reference(NamedTuple):
-    """What the driver is taken to want: the yaw rate of a mildly understeering car, within what the road bears."""
-
-    wheelbase: float  # [m]
-    understeer: float  # K of the wanted car, not of the real one, which may oversteer [rad s2/m]
-    friction: float  # nominal [-]
-    lag: float  # [s]
-    release: float  # time in which the envelope of |ay| forgets [s]
-    dt: float  # [s]
-
-
-@compiled
-def follow_reference(reference, wanted, envelope, vx, ay, steer):
-    """Reference yaw rate [rad/s] and envelope of |ay| [m/s2] one step on, from those before.
-
-    |r| <= min(0.85 mu g, 1.2 envelope + 2.5)/v: the second limit learns the road's friction from what the car does.
-    """
-    speed = max(vx, 1.0)
-    envelope = max(abs(ay), envelope * math.exp(-reference.dt / reference.release))
-    steady = speed * steer / (reference.wheelbase + reference.understeer * speed * speed)
-    limit = min(0.85 * reference.friction * GRAVITY, 1.2 * envelope + 2.5) / speed
-    steady = max(-limit, min(limit, steady))
-    return wanted + (1 - math.exp(-reference.dt / reference.lag)) * (steady - wanted), envelope
-
-
-class Law(NamedTuple):
+class EscLaw(NamedTuple):
     """Gains from errors to yaw moment."""
 
     yaw_gain: float  # [N m s/rad]
@@ -49,37 +16,20 @@ class Law(NamedTuple):
     sideslip_gain: float  # on what exceeds the band [N m/rad]
     sideslip_band: float  # [rad]
     sideslip_rate_gain: float  # only while sideslip exceeds its band [N m s/rad]
-    sideslip_rate_lag: float  # [s]
 
 
-class EscState(NamedTuple):
-    """Constants, and what the law remembers."""
-
-    constants: Any  # reference, law and geometry, held by compiled code
-    memory: Array  # reference yaw rate, envelope of |ay|, filtered sideslip rate, yaw moment, (4,)
-
-
+@yaw_moment.register(EscLaw)
 @compiled
-def stability_control(constants, memory, vx, vy, yaw_rate, ay, steer):
-    """One step of the law: brake torques to add (4,) [N m], and the memory after."""
-    reference, law, g = constants.value
-    out = np.empty(4)
-    out[0], out[1] = follow_reference(reference, memory[0], memory[1], vx, ay, steer)
-    speed = max(vx, 1.0)
-    sideslip = math.atan2(vy, speed)
-    blend = 1 - math.exp(-reference.dt / law.sideslip_rate_lag)
-    out[2] = memory[2] + blend * (ay / speed - yaw_rate - memory[2])
-    error = yaw_rate - out[0]
-    moment = -law.yaw_gain * math.copysign(max(0.0, abs(error) - law.yaw_band), error)
-    excess = abs(sideslip) - law.sideslip_band
-    if excess > 0:
-        moment += law.sideslip_gain * math.copysign(excess, sideslip) + law.sideslip_rate_gain * out[2]
-    out[3] = moment
-    return allocate(g, moment, vx, yaw_rate, steer), out
+def _(law, error, sideslip, sideslip_rate, speed, friction):
+    moment = -law.yaw_gain * beyond(error, law.yaw_band)
+    excess = beyond(sideslip, law.sideslip_band)
+    if excess != 0:
+        moment += law.sideslip_gain * excess + law.sideslip_rate_gain * sideslip_rate
+    return moment
 
 
 @dataclass(frozen=True)
-class StabilityControl(Controller):
+class StabilityControl(MomentControl):
     """C1, as in production: yaw rate first, sideslip where it grows beyond a band."""
 
     yaw_gain: float = 45e3  # [N m s/rad]
@@ -87,26 +37,10 @@ class StabilityControl(Controller):
     sideslip_gain: float = 120e3  # [N m/rad]
     sideslip_band: float = 3 * DEG  # [rad]
     sideslip_rate_gain: float = 15e3  # [N m s/rad]
-    sideslip_rate_lag: float = 0.03  # [s]
-    understeer: float = 0.0020  # of the reference [rad s2/m]
-    reference_lag: float = 0.06  # [s]
-    envelope_release: float = 1.0  # [s]
 
-    def reference(self, nominal: Nominal) -> Reference:
-        """What the law takes the driver to want."""
-        lags = (self.understeer, nominal.friction, self.reference_lag, self.envelope_release, nominal.dt)
-        return Reference(nominal.vehicle.wheelbase, *map(float, lags))
-
-    def init(self, nominal: Nominal) -> EscState:
-        gains = (self.yaw_gain, self.yaw_band, self.sideslip_gain, self.sideslip_band)
-        law = Law(*map(float, (*gains, self.sideslip_rate_gain, self.sideslip_rate_lag)))
-        return EscState(hold((self.reference(nominal), law, nominal.vehicle.geometry)), np.zeros(4))
-
-    def act(self, state: EscState, estimate: Estimate, reading: Reading) -> tuple[BrakeDemand, EscState]:
-        constants, memory = state
-        seen = (estimate.vx, estimate.vy, estimate.yaw_rate, estimate.ay, reading.steer)
-        added, memory = stability_control(constants, memory, *seen)
-        return BrakeDemand(added, NO_TORQUE), EscState(constants, memory)
+    def law(self, nominal: Nominal) -> EscLaw:
+        gains = (self.yaw_gain, self.yaw_band, self.sideslip_gain, self.sideslip_band, self.sideslip_rate_gain)
+        return EscLaw(*map(float, gains))
 
 
 @dataclass(frozen=True)
