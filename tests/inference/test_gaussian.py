@@ -8,6 +8,7 @@ from vse_gym.compiled import hold
 from vse_gym.inference.gaussian import Extended, Unscented, correct, filter_drive, filter_step, filter_update, predict
 from vse_gym.inference.model import advance, attend, observe, report
 from vse_gym.models import SingleTrackTuning
+from vse_gym.sensors import FITTED
 from vse_gym.simulation import rollout, scenario
 
 RULES = [Extended(), Unscented(), Unscented(alpha=0.5, beta=2.0, kappa=1.0)]
@@ -99,7 +100,8 @@ def car_drive():
     setting = scenario("sine_with_dwell", sensors="loud", amplitude=np.radians(60), duration=4.0)
     log = rollout(setting, "truth", "none", seed=1)
     assert not log.ended
-    assert np.isfinite(log.readings).all()  # filterpy can neither leave a channel out
+    assert np.isfinite(log.readings[:, :FITTED]).all()  # filterpy can neither leave a channel out
+    assert np.isnan(log.readings[:, FITTED:]).all()
     assert not log.brake.any()  # nor can it stop believing a wheel
     assert np.abs(log.readings[:, 1]).max() > 5  # and the tyres are beyond their linear range
     return SingleTrackTuning().build(setting.nominal), log.inputs, log.readings
@@ -112,6 +114,11 @@ def ours(rule, model, inputs, readings):
 def start(other, model):
     other.x, other.P, other.Q = model.prior_mean.copy(), model.prior_cov.copy(), model.process_cov
     return other
+
+
+def heard(model, x, u):
+    """Expected readings of the sensors that are on board, for states as columns."""
+    return observe(model, x, u)[:FITTED]
 
 
 def differentiate(function, model, x, u, step):
@@ -127,15 +134,16 @@ def differentiate(function, model, x, u, step):
 def test_the_extended_filter_is_filterpys(car_drive):
     model, inputs, readings = car_drive
     rule = Extended()
-    other, memory = start(ExtendedKalmanFilter(dim_x=3, dim_z=7), model), model.memory
+    other, memory = start(ExtendedKalmanFilter(dim_x=3, dim_z=FITTED), model), model.memory
     means, covs = ours(rule, *car_drive)
     for k, (u, y) in enumerate(zip(inputs, readings, strict=True)):
         predicted, other.F = differentiate(advance, model, other.x, u, rule.step)
         other.predict_x = lambda _, predicted=predicted: setattr(other, "x", predicted)
         other.predict()
         variances, memory = attend(model, memory, u, y)
-        expected, H = differentiate(observe, model, other.x, u, rule.step)
-        other.update(y, lambda _, H=H: H, lambda _, expected=expected: expected, R=np.diag(variances))
+        expected, H = differentiate(heard, model, other.x, u, rule.step)
+        R = np.diag(variances[:FITTED])
+        other.update(y[:FITTED], lambda _, H=H: H, lambda _, expected=expected: expected, R=R)
         # The same formulas in another order, one channel after the other instead of jointly: rounding only.
         np.testing.assert_allclose(means[k], other.x, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(covs[k], other.P, rtol=1e-9, atol=1e-9)
@@ -150,14 +158,14 @@ def test_the_unscented_filter_is_filterpys(car_drive):
         return advance(model, np.ascontiguousarray(x[:, None]), u)[:, 0]
 
     def hx(x, u):
-        return observe(model, np.ascontiguousarray(x[:, None]), u)[:, 0]
+        return heard(model, np.ascontiguousarray(x[:, None]), u)[:, 0]
 
-    other, memory = start(UnscentedKalmanFilter(3, 7, model.dt, hx, fx, points), model), model.memory
+    other, memory = start(UnscentedKalmanFilter(3, FITTED, model.dt, hx, fx, points), model), model.memory
     means, covs = ours(rule, *car_drive)
     for k, (u, y) in enumerate(zip(inputs, readings, strict=True)):
         other.predict(u=u)
         other.sigmas_f = points.sigma_points(other.x, other.P)  # drawn anew, as every version of it should
         variances, memory = attend(model, memory, u, y)
-        other.update(y, R=np.diag(variances), u=u)
+        other.update(y[:FITTED], R=np.diag(variances[:FITTED]), u=u)
         np.testing.assert_allclose(means[k], other.x, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(covs[k], other.P, rtol=1e-9, atol=1e-9)
