@@ -14,6 +14,8 @@ ESTIMATORS: Registry[Any] = Registry(
         "ekf": "vse_gym.estimators.gaussian:ExtendedKalmanFilter",
         "ekf_told": "vse_gym.estimators.gaussian:ToldExtendedKalmanFilter",
         "ukf": "vse_gym.estimators.gaussian:UnscentedKalmanFilter",
+        "ckf": "vse_gym.estimators.gaussian:CubatureKalmanFilter",
+        "sr_ukf": "vse_gym.estimators.gaussian:SquareRootUnscentedKalmanFilter",
         "pf": "vse_gym.estimators.particle:BootstrapParticleFilter",
         "pf_cauchy_gaussian": "vse_gym.estimators.particle:CauchyGaussianParticleFilter",
     },

@@ -4,14 +4,24 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from statistics import NormalDist
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from vse_gym.compiled import hold
 from vse_gym.estimators.base import Estimator
-from vse_gym.inference.gaussian import Extended, Unscented, filter_update
-from vse_gym.models import Nominal, SingleTrack, SingleTrackTuning
+from vse_gym.inference.gaussian import (
+    Cubature,
+    Extended,
+    Gated,
+    SquareRootUnscented,
+    Unscented,
+    covariance,
+    filter_update,
+    keep,
+)
+from vse_gym.models import ModelTuning, Nominal, SingleTrackTuning
 from vse_gym.types import Array, Estimate, Reading
 
 
@@ -19,13 +29,12 @@ class GaussianState(NamedTuple):
     """A model, and a belief over its state."""
 
     constants: Any  # rule and model, held by compiled code
-    belief: Array  # mean, cov, the model's memory and the output, flat: one array crosses faster than four
+    belief: Array  # mean, what is kept of cov, memory and output, flat: one array crosses faster than four
 
     @property
-    def model(self) -> SingleTrack:
+    def model(self) -> Any:
         """What is believed of the car."""
-        model: SingleTrack = self.constants.value[1]
-        return model
+        return self.constants.value[1]
 
     @property
     def mean(self) -> Array:
@@ -33,10 +42,17 @@ class GaussianState(NamedTuple):
         return self.belief[: self.model.prior_mean.size]
 
     @property
+    def kept(self) -> Array:
+        """What the rule carries in place of a covariance, (k, n)."""
+        model = self.model
+        n = model.prior_mean.size
+        return self.belief[n : self.belief.size - 7 - model.memory.size].reshape(-1, n)
+
+    @property
     def cov(self) -> Array:
         """Of the model's state, (n, n)."""
-        n = self.model.prior_mean.size
-        return self.belief[n : n + n * n].reshape(n, n)
+        cov: Array = covariance(self.constants.value[0], self.kept)
+        return cov
 
     @property
     def output(self) -> Array:
@@ -50,9 +66,21 @@ _state: Callable[[tuple[Any, Array]], GaussianState] = partial(tuple.__new__, Ga
 
 @dataclass(frozen=True)
 class GaussianFilter(Estimator):
-    """One recursion for all members; each names its rule."""
+    """One recursion for all members; each names its rule.
 
-    model: SingleTrackTuning = field(default_factory=SingleTrackTuning)
+    Raises:
+        ValueError: If the gate is no share, or the patience negative.
+    """
+
+    model: ModelTuning = field(default_factory=SingleTrackTuning)
+    gate: float = 1.0  # share of a channel's good readings that pass; 1: no gate [-]
+    gate_patience: float = 0.15  # a channel refused for this long is believed, whatever it says [s]
+
+    def __post_init__(self) -> None:
+        if not (0 < self.gate <= 1 and self.gate_patience >= 0):
+            raise ValueError(
+                f"gate must lie in (0, 1] and gate_patience not be negative, not {self.gate} and {self.gate_patience}"
+            )
 
     @property
     @abstractmethod
@@ -60,11 +88,15 @@ class GaussianFilter(Estimator):
         """How a Gaussian passes through a function, one of the rules of ``inference.gaussian``."""
 
     def init(self, nominal: Nominal, rng: np.random.Generator) -> GaussianState:
-        model = self.model.build(nominal)
+        model, rule = self.model.build(nominal), self.rule
+        if self.gate < 1:
+            limit = NormalDist().inv_cdf(0.5 + 0.5 * self.gate) ** 2  # chi-square with one degree of freedom
+            rule = Gated(rule, limit, float(round(self.gate_patience / nominal.dt)))
+            model = model._replace(memory=np.concatenate((model.memory, np.zeros(model.variances.size))))
         mean = model.prior_mean
         output = np.array([mean[0], mean[1], mean[2], 0.0, 0.0, np.nan, 0.0])
-        belief = np.concatenate((mean, model.prior_cov.ravel(), model.memory, output))
-        return GaussianState(hold((self.rule, model)), belief)
+        belief = np.concatenate((mean, keep(rule, model.prior_cov).ravel(), model.memory, output))
+        return GaussianState(hold((rule, model)), belief)
 
     def update(self, state: GaussianState, reading: Reading, rng: np.random.Generator) -> GaussianState:
         constants, belief = state
@@ -81,8 +113,8 @@ class GaussianFilter(Estimator):
     def tell_friction(self, state: GaussianState, friction: float) -> GaussianState:
         if friction == state.model.friction:  # holding anew costs more than an update
             return state
-        model = state.model._replace(friction=float(friction))
-        return GaussianState(hold((self.rule, model)), state.belief)
+        rule, model = state.constants.value
+        return GaussianState(hold((rule, model._replace(friction=float(friction)))), state.belief)
 
 
 @dataclass(frozen=True)
@@ -112,3 +144,19 @@ class UnscentedKalmanFilter(GaussianFilter):
     @property
     def rule(self) -> Unscented:
         return Unscented(self.alpha, self.beta, self.kappa)
+
+
+@dataclass(frozen=True)
+class SquareRootUnscentedKalmanFilter(UnscentedKalmanFilter):
+    """The unscented filter on a factor of the covariance, by QR and rank-one updates. Van der Merwe, Wan (2001)."""
+
+    @property
+    def rule(self) -> SquareRootUnscented:  # type: ignore[override]
+        return SquareRootUnscented(self.alpha, self.beta, self.kappa)
+
+
+@dataclass(frozen=True)
+class CubatureKalmanFilter(GaussianFilter):
+    """Points along the axes of the covariance, all of one weight. Arasaratnam, Haykin (2009)."""
+
+    rule: ClassVar[Cubature] = Cubature()

@@ -2,5 +2,6 @@
 
 from vse_gym.models.nominal import DataSheet, Nominal
 from vse_gym.models.single_track import SingleTrack, SingleTrackTuning
+from vse_gym.models.tuning import ModelTuning
 
-__all__ = ["DataSheet", "Nominal", "SingleTrack", "SingleTrackTuning"]
+__all__ = ["DataSheet", "ModelTuning", "Nominal", "SingleTrack", "SingleTrackTuning"]
