@@ -160,7 +160,7 @@ def test_the_cubature_filter_is_stone_soups(car_drive):
         np.testing.assert_allclose(covs[k], belief.covar, rtol=1e-9, atol=1e-9)
 
 
-# -- beside each other --------------------------------------------------------------------------------------------------
+# -- beside each other ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Kalman filters: tunings, and which rule of :mod:`vse_gym.inference.gaussian` they follow."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -65,22 +66,42 @@ _state: Callable[[tuple[Any, Array]], GaussianState] = partial(tuple.__new__, Ga
 
 
 @dataclass(frozen=True)
-class GaussianFilter(Estimator):
-    """One recursion for all members; each names its rule.
+class Gate:
+    """Which innovations are too large to be believed, channel by channel.
 
     Raises:
-        ValueError: If the gate is no share, or the patience negative.
+        ValueError: If ``passing`` is no share, or the patience negative.
     """
 
-    model: ModelTuning = field(default_factory=SingleTrackTuning)
-    gate: float = 1.0  # share of a channel's good readings that pass; 1: no gate [-]
-    gate_patience: float = 0.15  # a channel refused for this long is believed, whatever it says [s]
+    passing: float = 1.0  # share of a channel's good readings that pass; 1: no gate [-]
+    patience: float = 0.15  # a channel refused for this long is believed, whatever it says [s]
 
     def __post_init__(self) -> None:
-        if not (0 < self.gate <= 1 and self.gate_patience >= 0):
+        if not (0 < self.passing <= 1 and 0 <= self.patience < math.inf):
             raise ValueError(
-                f"gate must lie in (0, 1] and gate_patience not be negative, not {self.gate} and {self.gate_patience}"
+                f"passing must lie in (0, 1] and patience not be negative, not {self.passing} and {self.patience}"
             )
+
+    @property
+    def limit(self) -> float:
+        """Quantile of chi-square with one degree of freedom: the square of a normal one [-]."""
+        return NormalDist().inv_cdf(0.5 + 0.5 * self.passing) ** 2 if self.passing < 1 else math.inf
+
+    def readings(self, nominal: Nominal) -> float:
+        """The patience in readings."""
+        return float(round(self.patience / nominal.dt))
+
+    def remembered(self, model: Any) -> Any:
+        """The model with room for how often each channel has been refused."""
+        return model._replace(memory=np.concatenate((model.memory, np.zeros(model.variances.size))))
+
+
+@dataclass(frozen=True)
+class GaussianFilter(Estimator):
+    """One recursion for all members; each names its rule."""
+
+    model: ModelTuning = field(default_factory=SingleTrackTuning)
+    gate: Gate = field(default=Gate(), kw_only=True)
 
     @property
     @abstractmethod
@@ -89,10 +110,8 @@ class GaussianFilter(Estimator):
 
     def init(self, nominal: Nominal, rng: np.random.Generator) -> GaussianState:
         model, rule = self.model.build(nominal), self.rule
-        if self.gate < 1:
-            limit = NormalDist().inv_cdf(0.5 + 0.5 * self.gate) ** 2  # chi-square with one degree of freedom
-            rule = Gated(rule, limit, float(round(self.gate_patience / nominal.dt)))
-            model = model._replace(memory=np.concatenate((model.memory, np.zeros(model.variances.size))))
+        if self.gate.passing < 1:
+            rule, model = Gated(rule, self.gate.limit, self.gate.readings(nominal)), self.gate.remembered(model)
         mean = model.prior_mean
         output = np.array([mean[0], mean[1], mean[2], 0.0, 0.0, np.nan, 0.0])
         belief = np.concatenate((mean, keep(rule, model.prior_cov).ravel(), model.memory, output))

@@ -58,6 +58,17 @@ def forward_solve(factor, b):
 
 
 @compiled
+def backward_solve(factor, b):
+    """Solve L^T x = b in place for a lower factor L, b of shape (n,) or its leading part."""
+    n = factor.shape[0]
+    for i in range(n - 1, -1, -1):
+        total = b[i]
+        for k in range(i + 1, n):
+            total -= factor[k, i] * b[k]
+        b[i] = total / factor[i, i]
+
+
+@compiled
 def joseph_scalar(mean, cov, h, innovation, variance, gain, scratch):
     """Take one scalar measurement with row h (n,) into mean and cov, in place.
 

@@ -1,7 +1,16 @@
 """What an estimator is told, and the models of the car that it may believe in."""
 
+from vse_gym.models.bicycle import LinearBicycle, LinearBicycleTuning
 from vse_gym.models.nominal import DataSheet, Nominal
 from vse_gym.models.single_track import SingleTrack, SingleTrackTuning
 from vse_gym.models.tuning import ModelTuning
 
-__all__ = ["DataSheet", "ModelTuning", "Nominal", "SingleTrack", "SingleTrackTuning"]
+__all__ = [
+    "DataSheet",
+    "LinearBicycle",
+    "LinearBicycleTuning",
+    "ModelTuning",
+    "Nominal",
+    "SingleTrack",
+    "SingleTrackTuning",
+]

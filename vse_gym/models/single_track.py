@@ -136,7 +136,7 @@ class Commanded(NamedTuple):
 
 
 @compiled
-def _commanded(model, u):
+def commanded(model, u):
     """Forces from torques: torque over radius, held to the friction at the wheel's static load plus the load transfer
     of the braking itself.
     """
@@ -203,7 +203,7 @@ def _forces(model, c, vx, vy, yaw_rate):
 @compiled
 def _(model, states, u):
     # Heun's method: Euler's damping error at 10 ms would be as large as the tyre's uncertainty.
-    c = _commanded(model, u)
+    c = commanded(model, u)
     h = model.dt
     out = np.empty_like(states)
     for j in range(states.shape[1]):
@@ -221,7 +221,7 @@ def _(model, states, u):
 @observe.register(SingleTrack)
 @compiled
 def _(model, states, u):
-    c = _commanded(model, u)
+    c = commanded(model, u)
     per_radius = 1 / model.wheel_radius
     out = np.empty((10, states.shape[1]))
     optical = not math.isnan(model.variances[Y_SPEED])
@@ -299,5 +299,5 @@ def _(model, memory, u, y):
 @report.register(SingleTrack)
 @compiled
 def _(model, state, u):
-    ax, ay, _ = _forces(model, _commanded(model, u), state[0], state[1], state[2])
+    ax, ay, _ = _forces(model, commanded(model, u), state[0], state[1], state[2])
     return np.array([state[0], state[1], state[2], ax, ay])

@@ -6,7 +6,16 @@ from typing import NamedTuple
 import numpy as np
 
 from vse_gym.compiled import compiled
-from vse_gym.inference.gaussian.recursion import believe, correct, covariance, every_channel, foresee, itself, keep, predict
+from vse_gym.inference.gaussian.recursion import (
+    believe,
+    correct,
+    covariance,
+    every_channel,
+    foresee,
+    itself,
+    keep,
+    predict,
+)
 from vse_gym.inference.linalg import joseph_scalar
 from vse_gym.inference.model import advance, observe
 
@@ -49,7 +58,7 @@ def jacobian(columns, values):
 
 
 @compiled
-def _congruence(f, cov, noise):
+def congruence(f, cov, noise):
     """F P F^T + Q, symmetric, for small matrices."""
     n = cov.shape[0]
     half = np.zeros((n, n))
@@ -72,7 +81,7 @@ def _congruence(f, cov, noise):
 def _(rule, model, mean, cov, u):
     columns = stencil(mean, rule.step)
     values = advance(model, columns, u)
-    return values[:, 0].copy(), _congruence(jacobian(columns, values), cov, model.process_cov)
+    return values[:, 0].copy(), congruence(jacobian(columns, values), cov, model.process_cov)
 
 
 @correct.register(Extended)

@@ -45,7 +45,8 @@ def _(gated, model, mean, kept, memory, u, y):
     begin = memory.size - y.size
     told, own = attend(model, memory[:begin], u, y)
     variances, after = told.copy(), memory.copy()
-    after[:begin] = own
+    for i in range(begin):
+        after[i] = own[i]
     expected, spread = foresee(gated.rule, model, mean, kept, u)
     refuse(gated.limit, gated.patience, y, expected, spread, variances, after[begin:])
     return variances, after

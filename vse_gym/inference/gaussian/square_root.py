@@ -110,8 +110,11 @@ def _(rule, model, mean, kept, u):
     new_mean = weighted_mean(values, first_mean, other)
     noise = np.empty((n, n))
     cholesky(model.process_cov, noise)
+    factor, failed = _factor_of_points(values, new_mean, first_cov, other, noise)
     new_kept = kept.copy()
-    new_kept[:n], failed = _factor_of_points(values, new_mean, first_cov, other, noise)
+    for i in range(n):
+        for j in range(n):
+            new_kept[i, j] = factor[i, j]
     new_kept[n, 0] += failed
     return new_mean, new_kept
 

@@ -36,7 +36,8 @@ def unscented_points(rule, mean, factor):
     n = mean.size
     scale = rule.alpha * rule.alpha * (n + rule.kappa)  # n + lambda
     points = np.empty((n, 2 * n + 1))
-    points[:, 0] = mean
+    for i in range(n):
+        points[i, 0] = mean[i]
     sigma_points.plus_and_minus(points, 1, mean, factor, math.sqrt(scale))
     first = (scale - n) / scale
     return points, first, first + 1 - rule.alpha * rule.alpha + rule.beta, 0.5 / scale
