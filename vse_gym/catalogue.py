@@ -15,6 +15,8 @@ ESTIMATORS: Registry[Any] = Registry(
         "ekf": "vse_gym.estimators.gaussian:ExtendedKalmanFilter",
         "ekf_told": "vse_gym.estimators.gaussian:ToldExtendedKalmanFilter",
         "ukf": "vse_gym.estimators.gaussian:UnscentedKalmanFilter",
+        "ekf_double_track": "vse_gym.estimators.gaussian:DoubleTrackExtendedKalmanFilter",
+        "ukf_double_track": "vse_gym.estimators.gaussian:DoubleTrackUnscentedKalmanFilter",
         "ckf": "vse_gym.estimators.gaussian:CubatureKalmanFilter",
         "sr_ukf": "vse_gym.estimators.gaussian:SquareRootUnscentedKalmanFilter",
         "enkf": "vse_gym.estimators.ensemble:EnsembleKalmanFilter",

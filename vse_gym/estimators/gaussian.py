@@ -22,7 +22,7 @@ from vse_gym.inference.gaussian import (
     filter_update,
     keep,
 )
-from vse_gym.models import ModelTuning, Nominal, SingleTrackTuning
+from vse_gym.models import DoubleTrackTuning, ModelTuning, Nominal, SingleTrackTuning
 from vse_gym.types import Array, Estimate, Reading
 
 
@@ -179,3 +179,17 @@ class CubatureKalmanFilter(GaussianFilter):
     """Points along the axes of the covariance, all of one weight. Arasaratnam, Haykin (2009)."""
 
     rule: ClassVar[Cubature] = Cubature()
+
+
+@dataclass(frozen=True)
+class DoubleTrackExtendedKalmanFilter(ExtendedKalmanFilter):
+    """The extended filter on four wheels with the car's own tyres, whose slips it sees."""
+
+    model: ModelTuning = field(default_factory=DoubleTrackTuning)
+
+
+@dataclass(frozen=True)
+class DoubleTrackUnscentedKalmanFilter(UnscentedKalmanFilter):
+    """The unscented filter on four wheels with the car's own tyres, whose slips it sees."""
+
+    model: ModelTuning = field(default_factory=DoubleTrackTuning)

@@ -218,28 +218,33 @@ def _(model, states, u):
     return out
 
 
+@compiled
+def read_motion(car, cos_steer, sin_steer, optical, vx, vy, r, out, j):
+    """Fill column j of ``out`` with what follows from the motion alone: yaw rate, rolling wheels, optical sensors."""
+    per_radius, half_front, half_rear = 1 / car.wheel_radius, 0.5 * car.track_front, 0.5 * car.track_rear
+    across = (vy + car.lf * r) * sin_steer
+    out[Y_YAW_RATE, j] = r
+    out[Y_WHEEL, j] = ((vx - half_front * r) * cos_steer + across) * per_radius
+    out[Y_WHEEL + 1, j] = ((vx + half_front * r) * cos_steer + across) * per_radius
+    out[Y_WHEEL + 2, j] = (vx - half_rear * r) * per_radius
+    out[Y_WHEEL + 3, j] = (vx + half_rear * r) * per_radius
+    if optical:
+        out[Y_SPEED, j], out[Y_SIDESLIP, j] = math.sqrt(vx * vx + vy * vy), math.atan2(vy, vx)
+    else:
+        out[Y_SPEED, j] = out[Y_SIDESLIP, j] = 0.0
+    out[Y_ROLL_RATE, j] = 0.0
+
+
 @observe.register(SingleTrack)
 @compiled
 def _(model, states, u):
     c = commanded(model, u)
-    per_radius = 1 / model.wheel_radius
     out = np.empty((10, states.shape[1]))
     optical = not math.isnan(model.variances[Y_SPEED])
-    half_front, half_rear = 0.5 * model.track_front, 0.5 * model.track_rear
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
-        ax, ay, _ = _forces(model, c, vx, vy, r)
-        out[Y_AX, j], out[Y_AY, j], out[Y_YAW_RATE, j] = ax, ay, r
-        across = (vy + model.lf * r) * c.sin_steer
-        out[Y_WHEEL, j] = ((vx - half_front * r) * c.cos_steer + across) * per_radius
-        out[Y_WHEEL + 1, j] = ((vx + half_front * r) * c.cos_steer + across) * per_radius
-        out[Y_WHEEL + 2, j] = (vx - half_rear * r) * per_radius
-        out[Y_WHEEL + 3, j] = (vx + half_rear * r) * per_radius
-        if optical:
-            out[Y_SPEED, j], out[Y_SIDESLIP, j] = math.sqrt(vx * vx + vy * vy), math.atan2(vy, vx)
-        else:
-            out[Y_SPEED, j] = out[Y_SIDESLIP, j] = 0.0
-        out[Y_ROLL_RATE, j] = 0.0
+        out[Y_AX, j], out[Y_AY, j], _ = _forces(model, c, vx, vy, r)
+        read_motion(model, c.cos_steer, c.sin_steer, optical, vx, vy, r, out, j)
     return out
 
 
@@ -263,7 +268,8 @@ def _(model, u, y):
 
 @attend.register(SingleTrack)
 @compiled
-def _(model, memory, u, y):
+def attend_wheels(model, memory, u, y):
+    """``attend`` for models that predict the readings of rolling wheels."""
     # A braking wheel slips, and is slow to spin up again. While all brake, the fastest stays, with a standard
     # deviation of some slip, but only if it keeps up with a reference speed that falls no faster than the
     # accelerometer says: else it is locking, and would draw the estimate, and the slip limiter, down with it.
