@@ -9,7 +9,7 @@ import numpy as np
 from vse_gym.compiled import compiled
 from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.models.nominal import Nominal
-from vse_gym.models.single_track import BRAKING, SLOWEST, SingleTrackTuning, attend_wheels, read_motion
+from vse_gym.models.single_track import BRAKING, SLOWEST, SingleTrackTuning, attend_wheels, ease_brakes, read_motion
 from vse_gym.physics.double_track import wheel_load, wheel_position
 from vse_gym.physics.parameters import GRAVITY, Vehicle
 from vse_gym.physics.tyres import tyre_force
@@ -181,13 +181,17 @@ def _(model, states, u):
 @compiled
 def _(model, u, y):
     # A wheel under torque is known by its slip. Of a free one, and of one whose sensor is silent, the torque says
-    # more than the small difference of two large speeds would.
+    # more than the small difference of two large speeds would. And while all wheels brake, none tells the speed that a
+    # slip would be taken against: then the torques, held to what is felt, say more.
     out = np.empty(U_WHEEL + 4)
+    eased, braking = ease_brakes(model, model.vehicle.mass, u, y), 0
+    for i in range(4):
+        braking += 1 if u[U_BRAKE + i] > BRAKING else 0
     for i in range(U_WHEEL):
-        out[i] = u[i]
+        out[i] = eased[i]
     for i in range(4):
         free = u[U_BRAKE + i] <= BRAKING and abs(u[U_DRIVE + i]) <= BRAKING
-        out[U_WHEEL + i] = np.nan if free else y[Y_WHEEL + i]
+        out[U_WHEEL + i] = np.nan if free or braking == 4 else y[Y_WHEEL + i]
     return out
 
 
