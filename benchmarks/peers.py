@@ -29,6 +29,7 @@ from vse_gym.inference.model import advance, attend, heed, observe
 from vse_gym.models.single_track import BRAKING, SLOWEST
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.physics.tyres import KNOT
+from vse_gym.sensors import FITTED
 
 STEP = 6e-6  # of the central differences, as in vse_gym.inference.gaussian.Extended
 model, inputs, readings = pickle.loads(Path(sys.argv[1]).read_bytes())
@@ -66,7 +67,7 @@ class Extended(ExtendedKalmanFilter):
 
 def drive_extended():
     """Means (T, 3) and covariances (T, 3, 3) of the recorded drive."""
-    kalman = Extended(dim_x=3, dim_z=7)
+    kalman = Extended(dim_x=3, dim_z=FITTED)
     kalman.x, kalman.P, kalman.Q = model.prior_mean, model.prior_cov, model.process_cov
     memory, means, covs = model.memory, np.empty((len(readings), 3)), np.empty((len(readings), 3, 3))
     for k, (u, y) in enumerate(zip(heeded, readings, strict=True)):
@@ -104,7 +105,7 @@ class Unscented(UnscentedKalmanFilter):
 
 def drive_unscented():
     """Means (T, 3) and covariances (T, 3, 3) of the recorded drive."""
-    kalman = Unscented(3, 7, model.dt, None, None, MerweScaledSigmaPoints(3, alpha=1.0, beta=2.0, kappa=0.0))
+    kalman = Unscented(3, FITTED, model.dt, None, None, MerweScaledSigmaPoints(3, alpha=1.0, beta=2.0, kappa=0.0))
     kalman.x, kalman.P, kalman.Q = model.prior_mean, model.prior_cov, model.process_cov
     memory, means, covs = model.memory, np.empty((len(readings), 3)), np.empty((len(readings), 3, 3))
     for k, (u, y) in enumerate(zip(heeded, readings, strict=True)):
@@ -170,18 +171,19 @@ def advance_numpy(states, given):
 
 
 def observe_numpy(states, given):
-    """Readings expected of all particles: (3, N) to (7, N)."""
+    """Readings expected of all particles: (3, N) to (10, N), zero for the sensors that are not on board."""
     vx, vy, r = states
     cos, sin = given[:2]
     ax, ay, _ = forces(given, vx, vy, r)
     across, front, rear = (vy + model.lf * r) * sin, 0.5 * model.track_front * r, 0.5 * model.track_rear * r
     wheels = ((vx - front) * cos + across, (vx + front) * cos + across, vx - rear, vx + rear)
-    return np.stack((ax, ay, r, *(w / model.wheel_radius for w in wheels)))
+    nothing = np.zeros((3, vx.size))
+    return np.concatenate((np.stack((ax, ay, r, *(w / model.wheel_radius for w in wheels))), nothing))
 
 
 def attend_python(memory, u, y):
     """As in vse_gym.models, on lists: for seven numbers that is faster than NumPy."""
-    speeds, brake = y[3:].tolist(), u[1:5].tolist()
+    speeds, brake = y[3:7].tolist(), u[1:5].tolist()
     memory, reference = [0.0 if b > BRAKING else m + model.dt for b, m in zip(brake, memory, strict=False)], memory[4]
     variances = np.where(np.isnan(y), np.nan, model.variances)
     heard = [i for i in range(4) if speeds[i] == speeds[i]]

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import settings
 
 from vse_gym.compiled import compiled
+from vse_gym.inference.linear import matrices, report_linear
 from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.testing import example_drive
 from vse_gym.types import Array
@@ -91,6 +92,18 @@ def _(model, memory, u, y):
 @compiled
 def _(model, state, u):
     return np.array([state[0], state[1], np.nan, np.nan, np.nan])
+
+
+@matrices.register(Linear)
+@compiled
+def _(model, memory, u):
+    return model.F, product(model.G, u.reshape(-1, 1))[:, 0].copy(), model.H, np.zeros(model.H.shape[0])
+
+
+@report_linear.register(Linear)
+@compiled
+def _(model, mean, memory, expected):
+    return np.array([mean[0], mean[1], np.nan, np.nan, np.nan])
 
 
 @pytest.fixture(scope="session")

@@ -1,17 +1,28 @@
 """Kalman filters: tunings, and which rule of :mod:`vse_gym.inference.gaussian` they follow."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from statistics import NormalDist
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from vse_gym.compiled import hold
 from vse_gym.estimators.base import Estimator
-from vse_gym.inference.gaussian import Extended, Unscented, filter_update
-from vse_gym.models import Nominal, SingleTrack, SingleTrackTuning
+from vse_gym.inference.gaussian import (
+    Cubature,
+    Extended,
+    Gated,
+    SquareRootUnscented,
+    Unscented,
+    covariance,
+    filter_update,
+    keep,
+)
+from vse_gym.models import DoubleTrackTuning, ModelTuning, Nominal, SingleTrackTuning
 from vse_gym.types import Array, Estimate, Reading
 
 
@@ -19,13 +30,12 @@ class GaussianState(NamedTuple):
     """A model, and a belief over its state."""
 
     constants: Any  # rule and model, held by compiled code
-    belief: Array  # mean, cov, the model's memory and the output, flat: one array crosses faster than four
+    belief: Array  # mean, what is kept of cov, memory and output, flat: one array crosses faster than four
 
     @property
-    def model(self) -> SingleTrack:
+    def model(self) -> Any:
         """What is believed of the car."""
-        model: SingleTrack = self.constants.value[1]
-        return model
+        return self.constants.value[1]
 
     @property
     def mean(self) -> Array:
@@ -33,10 +43,17 @@ class GaussianState(NamedTuple):
         return self.belief[: self.model.prior_mean.size]
 
     @property
+    def kept(self) -> Array:
+        """What the rule carries in place of a covariance, (k, n)."""
+        model = self.model
+        n = model.prior_mean.size
+        return self.belief[n : self.belief.size - 7 - model.memory.size].reshape(-1, n)
+
+    @property
     def cov(self) -> Array:
         """Of the model's state, (n, n)."""
-        n = self.model.prior_mean.size
-        return self.belief[n : n + n * n].reshape(n, n)
+        cov: Array = covariance(self.constants.value[0], self.kept)
+        return cov
 
     @property
     def output(self) -> Array:
@@ -49,10 +66,42 @@ _state: Callable[[tuple[Any, Array]], GaussianState] = partial(tuple.__new__, Ga
 
 
 @dataclass(frozen=True)
+class Gate:
+    """Which innovations are too large to be believed, channel by channel.
+
+    Raises:
+        ValueError: If ``passing`` is no share, or the patience negative.
+    """
+
+    passing: float = 1.0  # share of a channel's good readings that pass; 1: no gate [-]
+    patience: float = 0.15  # a channel refused for this long is believed, whatever it says [s]
+
+    def __post_init__(self) -> None:
+        if not (0 < self.passing <= 1 and 0 <= self.patience < math.inf):
+            raise ValueError(
+                f"passing must lie in (0, 1] and patience not be negative, not {self.passing} and {self.patience}"
+            )
+
+    @property
+    def limit(self) -> float:
+        """Quantile of chi-square with one degree of freedom: the square of a normal one [-]."""
+        return NormalDist().inv_cdf(0.5 + 0.5 * self.passing) ** 2 if self.passing < 1 else math.inf
+
+    def readings(self, nominal: Nominal) -> float:
+        """The patience in readings."""
+        return float(round(self.patience / nominal.dt))
+
+    def remembered(self, model: Any) -> Any:
+        """The model with room for how often each channel has been refused."""
+        return model._replace(memory=np.concatenate((model.memory, np.zeros(model.variances.size))))
+
+
+@dataclass(frozen=True)
 class GaussianFilter(Estimator):
     """One recursion for all members; each names its rule."""
 
-    model: SingleTrackTuning = field(default_factory=SingleTrackTuning)
+    model: ModelTuning = field(default_factory=SingleTrackTuning)
+    gate: Gate = field(default=Gate(), kw_only=True)
 
     @property
     @abstractmethod
@@ -60,11 +109,13 @@ class GaussianFilter(Estimator):
         """How a Gaussian passes through a function, one of the rules of ``inference.gaussian``."""
 
     def init(self, nominal: Nominal, rng: np.random.Generator) -> GaussianState:
-        model = self.model.build(nominal)
+        model, rule = self.model.build(nominal), self.rule
+        if self.gate.passing < 1:
+            rule, model = Gated(rule, self.gate.limit, self.gate.readings(nominal)), self.gate.remembered(model)
         mean = model.prior_mean
         output = np.array([mean[0], mean[1], mean[2], 0.0, 0.0, np.nan, 0.0])
-        belief = np.concatenate((mean, model.prior_cov.ravel(), model.memory, output))
-        return GaussianState(hold((self.rule, model)), belief)
+        belief = np.concatenate((mean, keep(rule, model.prior_cov).ravel(), model.memory, output))
+        return GaussianState(hold((rule, model)), belief)
 
     def update(self, state: GaussianState, reading: Reading, rng: np.random.Generator) -> GaussianState:
         constants, belief = state
@@ -81,8 +132,8 @@ class GaussianFilter(Estimator):
     def tell_friction(self, state: GaussianState, friction: float) -> GaussianState:
         if friction == state.model.friction:  # holding anew costs more than an update
             return state
-        model = state.model._replace(friction=float(friction))
-        return GaussianState(hold((self.rule, model)), state.belief)
+        rule, model = state.constants.value
+        return GaussianState(hold((rule, model._replace(friction=float(friction)))), state.belief)
 
 
 @dataclass(frozen=True)
@@ -112,3 +163,33 @@ class UnscentedKalmanFilter(GaussianFilter):
     @property
     def rule(self) -> Unscented:
         return Unscented(self.alpha, self.beta, self.kappa)
+
+
+@dataclass(frozen=True)
+class SquareRootUnscentedKalmanFilter(UnscentedKalmanFilter):
+    """The unscented filter on a factor of the covariance, by QR and rank-one updates. Van der Merwe, Wan (2001)."""
+
+    @property
+    def rule(self) -> SquareRootUnscented:  # type: ignore[override]
+        return SquareRootUnscented(self.alpha, self.beta, self.kappa)
+
+
+@dataclass(frozen=True)
+class CubatureKalmanFilter(GaussianFilter):
+    """Points along the axes of the covariance, all of one weight. Arasaratnam, Haykin (2009)."""
+
+    rule: ClassVar[Cubature] = Cubature()
+
+
+@dataclass(frozen=True)
+class DoubleTrackExtendedKalmanFilter(ExtendedKalmanFilter):
+    """The extended filter on four wheels with the car's own tyres, whose slips it sees."""
+
+    model: ModelTuning = field(default_factory=DoubleTrackTuning)
+
+
+@dataclass(frozen=True)
+class DoubleTrackUnscentedKalmanFilter(UnscentedKalmanFilter):
+    """The unscented filter on four wheels with the car's own tyres, whose slips it sees."""
+
+    model: ModelTuning = field(default_factory=DoubleTrackTuning)

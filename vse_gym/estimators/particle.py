@@ -1,13 +1,13 @@
 """Particle filters: tunings of :mod:`vse_gym.inference.particle`."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vse_gym.estimators.base import Estimator
 from vse_gym.inference.particle import bootstrap_step, draw
-from vse_gym.models import Nominal, SingleTrack, SingleTrackTuning
+from vse_gym.models import ModelTuning, Nominal, SingleTrackTuning
 from vse_gym.types import Array, Estimate, Reading
 
 # Found as benchmarks/search_defaults.py describes, with the budget that the Kalman filters had. Theirs starves a
@@ -26,7 +26,7 @@ TUNING = SingleTrackTuning(
 class Particles(NamedTuple):
     """A weighted sample of the model's state."""
 
-    model: SingleTrack
+    model: Any
     states: Array  # (n, N)
     weights: Array  # (N,), summing to one
     memory: Array  # (k,)
@@ -42,7 +42,7 @@ class BootstrapParticleFilter(Estimator):
         ValueError: If the likelihood is neither "gaussian" nor "cauchy_gaussian", or a number is out of range.
     """
 
-    model: SingleTrackTuning = TUNING
+    model: ModelTuning = TUNING
     size: int = 500  # N
     likelihood: str = "gaussian"
     alpha: float = 1.5  # characteristic exponent of the Cauchy-Gaussian likelihood, 2 is Gaussian [-]

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from vse_gym.compiled import compiled
 
 SINGULAR = 1e-15  # a pivot this small beside its diagonal entry is rounding
@@ -56,6 +58,17 @@ def forward_solve(factor, b):
 
 
 @compiled
+def backward_solve(factor, b):
+    """Solve L^T x = b in place for a lower factor L, b of shape (n,) or its leading part."""
+    n = factor.shape[0]
+    for i in range(n - 1, -1, -1):
+        total = b[i]
+        for k in range(i + 1, n):
+            total -= factor[k, i] * b[k]
+        b[i] = total / factor[i, i]
+
+
+@compiled
 def joseph_scalar(mean, cov, h, innovation, variance, gain, scratch):
     """Take one scalar measurement with row h (n,) into mean and cov, in place.
 
@@ -89,3 +102,60 @@ def joseph_scalar(mean, cov, h, innovation, variance, gain, scratch):
             value = scratch[i, j] - projected * gain[j] + variance * gain[i] * gain[j]
             cov[i, j] = cov[j, i] = value
     return spread
+
+
+@compiled
+def triangularise(rows):
+    """The lower factor L (n, n) with L L^T = A A^T of A (n, k >= n), by Householder reflections; A is used up.
+
+    The diagonal is not negative. This is the QR decomposition of A^T, without Q.
+    """
+    n, k = rows.shape
+    factor = np.zeros((n, n))
+    for i in range(n):
+        square = 0.0
+        for j in range(i, k):
+            square += rows[i, j] * rows[i, j]
+        norm = math.sqrt(square)
+        if norm > 0.0:
+            # The reflection v = a + sign(a_i) |a| e_i takes the row to its i-th axis without cancellation.
+            turned = math.copysign(norm, rows[i, i])
+            rows[i, i] += turned
+            scale = 1 / (turned * rows[i, i])
+            for r in range(i + 1, n):
+                dot = 0.0
+                for j in range(i, k):
+                    dot += rows[i, j] * rows[r, j]
+                for j in range(i, k):
+                    rows[r, j] -= dot * scale * rows[i, j]
+            sign = -math.copysign(1.0, turned)
+        else:
+            sign = 1.0
+        factor[i, i] = norm
+        for r in range(i + 1, n):
+            factor[r, i] = sign * rows[r, i]
+    return factor
+
+
+@compiled
+def rank_one(factor, x, sign):
+    """The factor of L L^T + sign x x^T, for a lower factor (n, n), in place; ``x`` (n,) is used up.
+
+    Rotations for sign 1, hyperbolic ones for sign -1. Golub, Van Loan (2013), section 6.5.
+
+    Returns:
+        Whether the result is positive definite; if not, the factor is left half done.
+    """
+    n = x.size
+    for k in range(n):
+        pivot = factor[k, k] * factor[k, k]
+        square = pivot + sign * x[k] * x[k]
+        if not (pivot > 0.0 and square > SINGULAR * pivot):
+            return False
+        length = math.sqrt(square)
+        c, s = length / factor[k, k], x[k] / factor[k, k]
+        factor[k, k] = length
+        for i in range(k + 1, n):
+            factor[i, k] = (factor[i, k] + sign * s * x[i]) / c
+            x[i] = c * x[i] - s * factor[i, k]
+    return True

@@ -136,7 +136,7 @@ class Commanded(NamedTuple):
 
 
 @compiled
-def _commanded(model, u):
+def commanded(model, u):
     """Forces from torques: torque over radius, held to the friction at the wheel's static load plus the load transfer
     of the braking itself.
     """
@@ -203,7 +203,7 @@ def _forces(model, c, vx, vy, yaw_rate):
 @compiled
 def _(model, states, u):
     # Heun's method: Euler's damping error at 10 ms would be as large as the tyre's uncertainty.
-    c = _commanded(model, u)
+    c = commanded(model, u)
     h = model.dt
     out = np.empty_like(states)
     for j in range(states.shape[1]):
@@ -218,41 +218,54 @@ def _(model, states, u):
     return out
 
 
-@observe.register(SingleTrack)
 @compiled
-def _(model, states, u):
-    c = _commanded(model, u)
-    per_radius = 1 / model.wheel_radius
-    out = np.empty((10, states.shape[1]))
+def read_motion(car, cos_steer, sin_steer, vx, vy, r, out, j):
+    """Fill column j of ``out`` with what follows from the motion alone: yaw rate and rolling wheels."""
+    per_radius, half_front, half_rear = 1 / car.wheel_radius, 0.5 * car.track_front, 0.5 * car.track_rear
+    across = (vy + car.lf * r) * sin_steer
+    out[Y_YAW_RATE, j] = r
+    out[Y_WHEEL, j] = ((vx - half_front * r) * cos_steer + across) * per_radius
+    out[Y_WHEEL + 1, j] = ((vx + half_front * r) * cos_steer + across) * per_radius
+    out[Y_WHEEL + 2, j] = (vx - half_rear * r) * per_radius
+    out[Y_WHEEL + 3, j] = (vx + half_rear * r) * per_radius
+
+
+@compiled
+def read_extras(variances, states, out):
+    """Fill the rows of ``out`` of what no production car has: what an optical sensor would read, if it is on board.
+
+    A loop of its own: asking in the one before would cost a particle filter 15 % where there is no such sensor.
+    """
     out[Y_SPEED:] = 0.0
-    half_front, half_rear = 0.5 * model.track_front, 0.5 * model.track_rear
-    for j in range(states.shape[1]):
-        vx, vy, r = states[0, j], states[1, j], states[2, j]
-        ax, ay, _ = _forces(model, c, vx, vy, r)
-        out[Y_AX, j], out[Y_AY, j], out[Y_YAW_RATE, j] = ax, ay, r
-        across = (vy + model.lf * r) * c.sin_steer
-        out[Y_WHEEL, j] = ((vx - half_front * r) * c.cos_steer + across) * per_radius
-        out[Y_WHEEL + 1, j] = ((vx + half_front * r) * c.cos_steer + across) * per_radius
-        out[Y_WHEEL + 2, j] = (vx - half_rear * r) * per_radius
-        out[Y_WHEEL + 3, j] = (vx + half_rear * r) * per_radius
-    # A loop of its own: asking in the first one would cost a particle filter 15 % where there is no optical sensor.
-    if not (math.isnan(model.variances[Y_SPEED]) and math.isnan(model.variances[Y_SIDESLIP])):
+    if not (math.isnan(variances[Y_SPEED]) and math.isnan(variances[Y_SIDESLIP])):
         for j in range(states.shape[1]):
             vx, vy = states[0, j], states[1, j]
             out[Y_SPEED, j], out[Y_SIDESLIP, j] = math.sqrt(vx * vx + vy * vy), math.atan2(vy, vx)
+
+
+@observe.register(SingleTrack)
+@compiled
+def _(model, states, u):
+    c = commanded(model, u)
+    out = np.empty((10, states.shape[1]))
+    for j in range(states.shape[1]):
+        vx, vy, r = states[0, j], states[1, j], states[2, j]
+        out[Y_AX, j], out[Y_AY, j], _ = _forces(model, c, vx, vy, r)
+        read_motion(model, c.cos_steer, c.sin_steer, vx, vy, r, out, j)
+    read_extras(model.variances, states, out)
     return out
 
 
-@heed.register(SingleTrack)
 @compiled
-def _(model, u, y):
+def ease_brakes(model, mass, u, y):
+    """The inputs with brake torques that make no more force than the accelerometer feels."""
     # A torque says how hard a wheel is braked, not how hard the road lets it: where the wheels are near locking, force
     # from torque is wrong by several times, and the speed with it. What the accelerometer misses is taken off.
     total, braking = 0.0, 0.0
     for i in range(4):
         total += (u[U_DRIVE + i] - u[U_BRAKE + i]) / model.wheel_radius
         braking = max(braking, u[U_BRAKE + i])
-    felt = model.mass * (y[Y_AX] - model.brake_margin)
+    felt = mass * (y[Y_AX] - model.brake_margin)
     if braking <= BRAKING or total >= 0.0 or not felt > total:
         return u
     out = u.copy()
@@ -261,9 +274,16 @@ def _(model, u, y):
     return out
 
 
+@heed.register(SingleTrack)
+@compiled
+def _(model, u, y):
+    return ease_brakes(model, model.mass, u, y)
+
+
 @attend.register(SingleTrack)
 @compiled
-def _(model, memory, u, y):
+def attend_wheels(model, memory, u, y):
+    """``attend`` for models that predict the readings of rolling wheels."""
     # A braking wheel slips, and is slow to spin up again. While all brake, the fastest stays, with a standard
     # deviation of some slip, but only if it keeps up with a reference speed that falls no faster than the
     # accelerometer says: else it is locking, and would draw the estimate, and the slip limiter, down with it.
@@ -299,5 +319,5 @@ def _(model, memory, u, y):
 @report.register(SingleTrack)
 @compiled
 def _(model, state, u):
-    ax, ay, _ = _forces(model, _commanded(model, u), state[0], state[1], state[2])
+    ax, ay, _ = _forces(model, commanded(model, u), state[0], state[1], state[2])
     return np.array([state[0], state[1], state[2], ax, ay])

@@ -1,0 +1,34 @@
+"""Gaussian filters: one recursion, and rules for how a Gaussian passes through a function."""
+
+from vse_gym.inference.gaussian.cubature import Cubature
+from vse_gym.inference.gaussian.extended import Extended
+from vse_gym.inference.gaussian.gate import Gated
+from vse_gym.inference.gaussian.recursion import (
+    correct,
+    covariance,
+    filter_drive,
+    filter_step,
+    filter_update,
+    foresee,
+    keep,
+    predict,
+)
+from vse_gym.inference.gaussian.square_root import SquareRootUnscented, failed_downdates
+from vse_gym.inference.gaussian.unscented import Unscented
+
+__all__ = [
+    "Cubature",
+    "Extended",
+    "Gated",
+    "SquareRootUnscented",
+    "Unscented",
+    "correct",
+    "covariance",
+    "failed_downdates",
+    "filter_drive",
+    "filter_step",
+    "filter_update",
+    "foresee",
+    "keep",
+    "predict",
+]

@@ -1,0 +1,213 @@
+"""The double track: four wheels with the car's own tyres, each with its own load and slip."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from vse_gym.compiled import compiled
+from vse_gym.inference.model import advance, attend, heed, observe, report
+from vse_gym.models.nominal import Nominal
+from vse_gym.models.single_track import (
+    BRAKING,
+    SLOWEST,
+    SingleTrackTuning,
+    attend_wheels,
+    ease_brakes,
+    read_extras,
+    read_motion,
+)
+from vse_gym.physics.double_track import wheel_load, wheel_position
+from vse_gym.physics.parameters import GRAVITY, Vehicle
+from vse_gym.physics.tyres import tyre_force
+from vse_gym.types import U_BRAKE, U_DRIVE, U_STEER, Y_AX, Y_AY, Y_WHEEL, Array
+
+U_WHEEL = 9  # where ``heed`` puts the wheel speeds behind the inputs of a reading
+
+
+class DoubleTrack(NamedTuple):
+    """Four wheels, load transfer and combined slip. State: vx, vy [m/s], yaw rate [rad/s].
+
+    Wheel speeds are inputs, not states: a wheel's own motion is faster than a step of 10 ms can follow (its pole lies
+    at -490 1/s at 80 km/h). It explains all channels but the roll rate.
+    """
+
+    vehicle: Vehicle
+    friction: float  # [-]
+    wheel_radius: float  # [m]
+    slip: float  # standard deviation of the slip of a rolling wheel, relative [-]
+    brake_slip: float  # the same of the fastest wheel while all four brake [-]
+    brake_hold: float  # a wheel is no speedometer for this long after it braked [s]
+    brake_margin: float  # by so much may the accelerometer miss how fast the car slows down [m/s2]
+    slowest: float  # speed to which slips are taken at least [m/s]
+    dt: float  # [s]
+    prior_mean: Array  # (3,)
+    prior_cov: Array  # (3, 3)
+    process_cov: Array  # (3, 3), of one step
+    variances: Array  # of the channels, without wheel slip; NaN: not used; (10,)
+    memory: Array  # as of the single track, (5,)
+
+
+@dataclass(frozen=True)
+class DoubleTrackTuning:
+    """How far a filter trusts the double track; the fields are those of :class:`SingleTrackTuning`."""
+
+    vx_noise: float = 1.2  # process noise density [m/s per sqrt(s)]
+    vy_noise: float = 0.8  # [m/s per sqrt(s)]
+    yaw_noise: float = 0.8  # [rad/s per sqrt(s)]
+    ax_error: float = 1.0  # error of the model's ax, added to the sensor's noise [m/s2]
+    ay_error: float = 6.0  # [m/s2]
+    yaw_rate_error: float = 0.0  # added to the gyro's noise [rad/s]
+    wheel_error: float = 0.0  # added to the wheel speeds' noise [rad/s]
+    slip: float = 0.005  # slip of a rolling wheel [-]
+    brake_slip: float = 0.05  # slip of the fastest wheel while all brake [-]
+    brake_hold: float = 0.1  # time for which a wheel is no speedometer after it braked [s]
+    brake_margin: float = 0.3  # by so much may the accelerometer miss how fast the car slows down [m/s2]
+    vx_prior: float = 1.0  # standard deviation at the start [m/s]
+    vy_prior: float = 0.2  # [m/s]
+    yaw_prior: float = 0.02  # [rad/s]
+
+    def build(self, nominal: Nominal) -> DoubleTrack:
+        """The model of a nominal car with this trust."""
+        car, like = nominal.vehicle, SingleTrackTuning(**vars(self)).build(nominal)
+        front, rear = car.front_tyre, car.rear_tyre
+        stiffest = max(
+            2 * (front.slip_stiffness + rear.slip_stiffness),
+            2 * (front.cornering_stiffness + rear.cornering_stiffness),
+        )
+        return DoubleTrack(
+            vehicle=car,
+            friction=like.friction,
+            wheel_radius=car.wheel_radius,
+            slip=like.slip,
+            brake_slip=like.brake_slip,
+            brake_hold=like.brake_hold,
+            brake_margin=like.brake_margin,
+            slowest=max(SLOWEST, nominal.dt * stiffest / car.mass),  # half of what Heun's method would bear
+            dt=like.dt,
+            prior_mean=like.prior_mean,
+            prior_cov=like.prior_cov,
+            process_cov=like.process_cov,
+            variances=like.variances,
+            memory=like.memory,
+        )
+
+
+# What the inputs alone determine of a wheel: columns of a table with a row each
+X, Y, COS, SIN, LOAD, TRANSFER, SPEED, SLIP = range(8)
+
+
+@compiled
+def _wheels(model, u):
+    """The table (4, 8): position, direction, load without and per lateral acceleration, circumference speed, NaN
+    where it is not known, and the slip that the torque would need then [m, -, N, N s2/m, m/s, -].
+    """
+    car, table = model.vehicle, np.empty((4, 8))
+    weight = model.friction * car.mass * GRAVITY
+    total = 0.0
+    for i in range(4):
+        total += (u[U_DRIVE + i] - u[U_BRAKE + i]) / car.wheel_radius
+    ax = max(-weight, min(weight, total)) / car.mass
+    cos_steer, sin_steer = math.cos(u[U_STEER]), math.sin(u[U_STEER])
+    for i in range(4):
+        table[i, X], table[i, Y] = wheel_position(car, i)
+        table[i, COS], table[i, SIN] = (cos_steer, sin_steer) if i < 2 else (1.0, 0.0)
+        load = wheel_load(car, i, ax, 0.0, GRAVITY)
+        share = car.front_transfer / car.track_front if i < 2 else (1 - car.front_transfer) / car.track_rear
+        across = car.mass * car.height * share
+        table[i, LOAD], table[i, TRANSFER] = load, -across if i % 2 == 0 else across
+        table[i, SPEED] = car.wheel_radius * u[U_WHEEL + i]
+        limit = model.friction * load
+        force = max(-limit, min(limit, (u[U_DRIVE + i] - u[U_BRAKE + i]) / car.wheel_radius))
+        table[i, SLIP] = force / (car.front_tyre.slip_stiffness if i < 2 else car.rear_tyre.slip_stiffness)
+    return table
+
+
+@compiled
+def _forces(model, table, vx, vy, yaw_rate):
+    """Specific forces ax, ay [m/s2] and yaw acceleration [rad/s2] of the double track."""
+    car = model.vehicle
+    limit = model.friction * GRAVITY
+    across = max(-limit, min(limit, vx * yaw_rate))  # the body leans with the turn: its lag is about the tyres' own
+    along_total, across_total, moment = 0.0, 0.0, 0.0
+    for i in range(4):
+        c, s = table[i, COS], table[i, SIN]
+        ux, uy = vx - yaw_rate * table[i, Y], vy + yaw_rate * table[i, X]
+        v = ux * c + uy * s
+        per_speed = 1 / max(abs(v), model.slowest)
+        tan_alpha = (ux * s - uy * c) * per_speed
+        kappa = table[i, SLIP] if math.isnan(table[i, SPEED]) else (table[i, SPEED] - v) * per_speed
+        load = max(0.0, table[i, LOAD] + table[i, TRANSFER] * across)
+        if i < 2:
+            fx, fy, mz, _ = tyre_force(car.front_tyre, kappa, tan_alpha, load, model.friction)
+        else:
+            fx, fy, mz, _ = tyre_force(car.rear_tyre, kappa, tan_alpha, load, model.friction)
+        gx, gy = fx * c - fy * s, fx * s + fy * c
+        along_total += gx
+        across_total += gy
+        moment += table[i, X] * gy - table[i, Y] * gx + mz
+    return along_total / car.mass, across_total / car.mass, moment / car.yaw_inertia
+
+
+@advance.register(DoubleTrack)
+@compiled
+def _(model, states, u):
+    # Heun's method, as for the single track
+    table, h = _wheels(model, u), model.dt
+    out = np.empty_like(states)
+    for j in range(states.shape[1]):
+        vx, vy, r = states[0, j], states[1, j], states[2, j]
+        x, y, q = vx, vy, r
+        for stage in range(2):
+            ax, ay, dr = _forces(model, table, x, y, q)
+            dvx, dvy = ax + y * q, ay - x * q
+            if stage == 0:
+                out[0, j], out[1, j], out[2, j] = dvx, dvy, dr
+                x, y, q = vx + h * dvx, vy + h * dvy, r + h * dr
+            else:
+                out[0, j] = vx + 0.5 * h * (out[0, j] + dvx)
+                out[1, j] = vy + 0.5 * h * (out[1, j] + dvy)
+                out[2, j] = r + 0.5 * h * (out[2, j] + dr)
+    return out
+
+
+@observe.register(DoubleTrack)
+@compiled
+def _(model, states, u):
+    table = _wheels(model, u)
+    out = np.empty((10, states.shape[1]))
+    for j in range(states.shape[1]):
+        vx, vy, r = states[0, j], states[1, j], states[2, j]
+        out[Y_AX, j], out[Y_AY, j], _ = _forces(model, table, vx, vy, r)
+        read_motion(model.vehicle, table[0, COS], table[0, SIN], vx, vy, r, out, j)
+    read_extras(model.variances, states, out)
+    return out
+
+
+@heed.register(DoubleTrack)
+@compiled
+def _(model, u, y):
+    # A wheel under torque is known by its slip. Of a free one, and of one whose sensor is silent, the torque says
+    # more than the small difference of two large speeds would. And while all wheels brake, none tells the speed that a
+    # slip would be taken against: then the torques, held to what is felt, say more.
+    out = np.empty(U_WHEEL + 4)
+    eased, braking = ease_brakes(model, model.vehicle.mass, u, y), 0
+    for i in range(4):
+        braking += 1 if u[U_BRAKE + i] > BRAKING else 0
+    for i in range(U_WHEEL):
+        out[i] = eased[i]
+    for i in range(4):
+        free = u[U_BRAKE + i] <= BRAKING and abs(u[U_DRIVE + i]) <= BRAKING
+        out[U_WHEEL + i] = np.nan if free or braking == 4 else y[Y_WHEEL + i]
+    return out
+
+
+attend.register(DoubleTrack)(attend_wheels)
+
+
+@report.register(DoubleTrack)
+@compiled
+def _(model, state, u):
+    ax, ay, _ = _forces(model, _wheels(model, u), state[0], state[1], state[2])
+    return np.array([state[0], state[1], state[2], ax, ay])
