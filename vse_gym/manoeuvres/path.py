@@ -107,7 +107,7 @@ class Circle:
         x -= self.straight
         if x < 0.0 and self.straight > 0.0:
             return y
-        return math.copysign(abs(self.radius) - math.hypot(x, y - self.radius), self.radius)
+        return math.copysign(1.0, self.radius) * (abs(self.radius) - math.hypot(x, y - self.radius))
 
     def heading(self, x: Array, y: Array) -> Array:
         x = x - self.straight
