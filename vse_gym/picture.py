@@ -10,8 +10,9 @@ from vse_gym.controllers.esc import StabilityControl
 from vse_gym.controllers.reference import follow_reference
 from vse_gym.metrics import sideslip_std
 from vse_gym.physics import parameters as p
+from vse_gym.picture_path import draw_path
 from vse_gym.simulation import Scenario
-from vse_gym.types import Log
+from vse_gym.types import SLOW, Log
 
 WHEELS = ("front left", "front right", "rear left", "rear right")
 TRUE, SEEN, WANTED = "black", "C1", "C0"
@@ -38,8 +39,9 @@ def draw(log: Log, scenario: Scenario, title: str, path: str | Path) -> None:
 
     figure = Figure(figsize=(13, 8.5), layout="constrained")
     figure.suptitle(title, fontsize=11)
-    grid = figure.subplot_mosaic([["path", "path"], ["sideslip", "yaw"], ["brakes", "speed"], ["readings", "gyro"]])
-    _path(grid["path"], log, scenario)
+    rows: Any = [["path", "path"], ["sideslip", "yaw"], ["brakes", "speed"], ["readings", "gyro"]]
+    grid = figure.subplot_mosaic(rows, height_ratios=[1.2, 1, 1, 1])
+    draw_path(grid["path"], log, scenario)
     _sideslip(grid["sideslip"], log)
     t, deg = log.time, 180 / math.pi
     axes = grid["yaw"]
@@ -66,29 +68,13 @@ def draw(log: Log, scenario: Scenario, title: str, path: str | Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _path(axes: Any, log: Log, scenario: Scenario) -> None:
-    """The way of the centre of gravity, and the car's outline every half second."""
-    car = scenario.vehicle
-    x, y, yaw = log.truth[:, p.X], log.truth[:, p.Y], log.truth[:, p.YAW]
-    axes.plot(x, y, color=TRUE, lw=1, label="path, the car every 0.5 s")
-    nose, tail, side = car.lf + 0.8, -car.lr - 0.8, car.width / 2
-    outline = np.array([[nose, side], [nose, -side], [tail, -side], [tail, side], [nose, side]])
-    for k in range(0, len(x), max(1, round(0.5 / scenario.dt))):
-        c, s = math.cos(yaw[k]), math.sin(yaw[k])
-        turned = outline @ np.array([[c, s], [-s, c]])
-        braking = bool(log.brake[k].max() > 50)
-        axes.fill(x[k] + turned[:, 0], y[k] + turned[:, 1], color="C3" if braking else "0.5", alpha=0.5, lw=0)
-    axes.plot([], [], color="C3", alpha=0.5, lw=5, label="with brakes on")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x [m]", fontsize=8)
-    axes.set_ylabel("y [m]")
-
-
 def _sideslip(axes: Any, log: Log) -> None:
     deg = 180 / math.pi
     seen = np.arctan2(log.estimate[:, 1], log.estimate[:, 0])
+    moving = np.hypot(log.truth[:, p.VX], log.truth[:, p.VY]) > SLOW  # a standing car has no sideslip
+    seen = np.where(moving, seen, np.nan)
     band = 1.96 * sideslip_std(log.estimate, log.cov)
-    axes.plot(log.time, deg * log.sideslip, color=TRUE, label="true")
+    axes.plot(log.time, deg * np.where(moving, log.sideslip, np.nan), color=TRUE, label="true")
     axes.plot(log.time, deg * seen, color=SEEN, lw=1, label="estimated")
     if np.isfinite(band).any():
         low, high = deg * (seen - band), deg * (seen + band)

@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -19,16 +18,6 @@ SLOWEST, FASTEST = 3, 60  # speeds that the driver has practised, every metre pe
 FASTEST_TURN = 10.0  # a car that turns faster is felt as if it turned so fast [rad/s]
 
 
-class Gains(NamedTuple):
-    """What the driver does about what he sees and feels, at one speed: road-wheel angle per ..."""
-
-    ahead: tuple[float, ...]  # offset of the line at each preview point [rad/m]
-    sideways: float  # lateral speed, taken off [rad s/m]
-    turning: float  # yaw rate, taken off [s]
-    held: float  # road-wheel angle as it is, taken off [-]
-    pending: tuple[float, ...]  # each angle decided on and not yet begun, taken off [-]
-
-
 class Skill(NamedTuple):
     """What the gains follow from, beside the car."""
 
@@ -41,13 +30,17 @@ class Skill(NamedTuple):
 
 
 @lru_cache(maxsize=128)
-def practised(vehicle: Vehicle, skill: Skill) -> tuple[Gains, ...]:
-    """Gains at every practised speed, by linear quadratic optimal preview.
+def practised(vehicle: Vehicle, skill: Skill) -> Array:
+    """Gains at every practised speed, by linear quadratic optimal preview, (speeds, preview points + 4 + delay).
 
     Sharp & Valtetsiotis (2001), "Optimal preview car steering control", Vehicle System Dynamics 35 suppl., 101-117. The
-    driver knows his car (its linear single track), his delay and his lag.
+    driver knows his car (its linear single track), his delay and his lag. A row times what he sees and feels is the
+    road-wheel angle that he wants: the offset of the line at each preview point [m], lateral speed [m/s], yaw rate
+    [rad/s], road-wheel angle [rad], and the angles decided on and not yet begun [rad].
     """
-    return tuple(_optimal(vehicle, skill, float(v)) for v in range(SLOWEST, FASTEST + 1))
+    table = np.array([_optimal(vehicle, skill, float(v)) for v in range(SLOWEST, FASTEST + 1)])
+    table.flags.writeable = False
+    return table
 
 
 def _stepped(vehicle: Vehicle, skill: Skill, v: float) -> tuple[Array, Array]:
@@ -72,7 +65,7 @@ def _stepped(vehicle: Vehicle, skill: Skill, v: float) -> tuple[Array, Array]:
     return f, b
 
 
-def _optimal(vehicle: Vehicle, skill: Skill, v: float) -> Gains:
+def _optimal(vehicle: Vehicle, skill: Skill, v: float) -> Array:
     f, b = _stepped(vehicle, skill, v)
     prices = np.zeros(len(b))
     prices[:2] = 1.0, (skill.heading * v) ** 2
@@ -94,14 +87,14 @@ def _optimal(vehicle: Vehicle, skill: Skill, v: float) -> Gains:
         ahead[low] += (1 - (at - low)) * ask
         ahead[low + 1] += (at - low) * ask
     gain[-1] -= 1.0  # from the change of the angle to the angle
-    return Gains(tuple(ahead.tolist()), float(gain[2]), float(gain[3]), float(gain[4]), tuple(gain[5:].tolist()))
+    return np.concatenate((ahead, -gain[2:]))
 
 
 class Hands(NamedTuple):
     """Where the driver's hands are, and what is on its way to them."""
 
-    gains: tuple[Gains, ...]
-    reach: tuple[float, ...]  # times of the preview points [s]
+    gains: Array  # at each practised speed, see practised()
+    reach: Array  # times of the preview points [s]
     follow: float  # share of the way to the wanted angle that the arms make in a step [-]
     most: float  # change of the road-wheel angle that they can make in a step [rad]
     limit: float  # of the road-wheel angle [rad]
@@ -143,22 +136,24 @@ class Steering:
         skill = Skill(reach, self.calm, self.heading, self.lag, round(self.delay / dt), dt)
         follow, pending = 1 - math.exp(-dt / self.lag), (0.0,) * (skill.delay + 1)
         gains = practised(nominal.vehicle, skill)
-        return Hands(gains, reach, follow, self.rate * dt / ratio, self.limit / ratio, pending, 0.0)
+        return Hands(gains, np.array(reach), follow, self.rate * dt / ratio, self.limit / ratio, pending, 0.0)
 
     def steer(self, hands: Hands, path: Path, car: Car) -> Hands:
         """The hands one step on."""
-        gains_at, reach, follow, most, limit, pending, angle = hands
+        gains, reach, follow, most, limit, pending, angle = hands
         state = car.state.tolist()
         speed = min(max(state[VX], SLOWEST), FASTEST)
         sideways = min(max(state[VY], -speed), speed)
         turning = min(max(state[YAW_RATE], -FASTEST_TURN), FASTEST_TURN)
-        gains = gains_at[int(speed - SLOWEST + 0.5)]
-        offsets = path.look(state[X], state[Y], state[YAW], [speed * t for t in reach])
-        wanted = sum(map(mul, gains.ahead, offsets)) - sum(map(mul, gains.pending, pending))
-        wanted -= gains.sideways * sideways + gains.turning * turning + gains.held * angle
+        offsets = path.look(state[X], state[Y], state[YAW], speed * reach)
+        low = min(int(speed) - SLOWEST, FASTEST - SLOWEST - 1)
+        between = speed - SLOWEST - low  # two practised speeds
+        felt = (sideways, turning, angle, *pending)
+        slower, faster = (gains[low : low + 2] @ np.concatenate((offsets, felt))).tolist()
+        wanted = min(max((1 - between) * slower + between * faster, -limit), limit)
         change = follow * (pending[0] - angle)
         angle += min(max(change, -most), most)
-        return Hands(gains_at, reach, follow, most, limit, (*pending[1:], min(max(wanted, -limit), limit)), angle)
+        return Hands(gains, reach, follow, most, limit, (*pending[1:], wanted), angle)
 
 
 DRIVER = Steering()

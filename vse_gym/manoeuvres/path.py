@@ -11,14 +11,12 @@ from vse_gym.types import Array
 FAR = 1e6  # a car farther out than this is looked at as if it were here [m]
 STEP = 0.25  # of the table of a line [m]
 
-Ahead = tuple[float, ...]
-
 
 class Path(Protocol):
     """A line that a driver can follow and a drive be measured against."""
 
-    def look(self, x: float, y: float, yaw: float, ahead: list[float]) -> list[float]:
-        """How far to the left of the car's axis the line lies, at these distances ahead [m]."""
+    def look(self, x: float, y: float, yaw: float, ahead: Array) -> Array:
+        """How far to the left of the car's axis the line lies, at distances ahead, (n,) to (n,) [m]."""
 
     def stray(self, x: Array, y: Array) -> Array:
         """How far to the left of the line each point lies, (T,) [m]."""
@@ -34,16 +32,18 @@ class Path(Protocol):
 class Line:
     """A line along x: straight stretches at given offsets, joined by swings in the shape of half a cosine.
 
-    It is kept as a table, so that a look costs the same however many swings there are.
+    It is kept as a table too, so that a look costs the same however many swings there are.
     """
 
     swings: tuple[tuple[float, float, float], ...] = ()  # each from x to x, and the offset y from there on [m]
-    _table: tuple[float, ...] = field(init=False, repr=False, compare=False)
+    _x: Array = field(init=False, repr=False, compare=False)  # the table
+    _y: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         end = max((end for _, end, _ in self.swings), default=0.0)
         x = np.linspace(0.0, STEP * (math.ceil(end / STEP) + 1), math.ceil(end / STEP) + 2)
-        object.__setattr__(self, "_table", tuple(self.at(x).tolist()))
+        object.__setattr__(self, "_x", x)
+        object.__setattr__(self, "_y", self.at(x))
 
     def at(self, x: Array) -> Array:
         """Offsets y at positions x, (n,) to (n,) [m]."""
@@ -54,29 +54,16 @@ class Line:
             before = after
         return y
 
-    def look(self, x: float, y: float, yaw: float, ahead: list[float]) -> list[float]:
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        table = self._table
-        last = len(table) - 1
+    def look(self, x: float, y: float, yaw: float, ahead: Array) -> Array:
         x, y = min(max(x, -FAR), FAR), min(max(y, -FAR), FAR)
-        out = []
-        for distance in ahead:
-            at = (x + distance) / STEP
-            if at <= 0.0:
-                there = table[0]
-            elif at >= last:
-                there = table[last]
-            else:
-                k = int(at)
-                there = table[k] + (at - k) * (table[k + 1] - table[k])
-            out.append(cos * (there - y) - sin * distance)
-        return out
+        there = np.interp(x + ahead, self._x, self._y)
+        return math.cos(yaw) * (there - y) - math.sin(yaw) * ahead
 
     def stray(self, x: Array, y: Array) -> Array:
         return y - self.at(x)
 
     def stray_of(self, x: float, y: float) -> float:
-        return -self.look(x, y, 0.0, [0.0])[0]
+        return y - float(np.interp(x, self._x, self._y))
 
     def heading(self, x: Array, y: Array) -> Array:
         slope = (self.at(x + STEP) - self.at(x - STEP)) / (2 * STEP)
@@ -94,19 +81,14 @@ class Circle:
     radius: float  # positive: to the left [m]
     straight: float = 0.0  # length before the circle; without one the car may go round and round [m]
 
-    def look(self, x: float, y: float, yaw: float, ahead: list[float]) -> list[float]:
-        cos, sin = math.cos(yaw), math.sin(yaw)
+    def look(self, x: float, y: float, yaw: float, ahead: Array) -> Array:
         x, y = min(max(x, -FAR), FAR) - self.straight, min(max(y, -FAR), FAR)
-        radius, along = self.radius, self._along(x, y)
-        out = []
-        for distance in ahead:
-            at = along + distance
-            if at < 0.0 and self.straight > 0.0:
-                to_x, to_y = at - x, -y
-            else:
-                to_x, to_y = radius * math.sin(at / radius) - x, radius * (1 - math.cos(at / radius)) - y
-            out.append(cos * to_y - sin * to_x)
-        return out
+        at = self._along(x, y) + ahead
+        angle = at / self.radius
+        to_x, to_y = self.radius * np.sin(angle) - x, self.radius * (1 - np.cos(angle)) - y
+        if self.straight > 0.0 and at[0] < 0.0:
+            to_x, to_y = np.where(at < 0.0, at - x, to_x), np.where(at < 0.0, -y, to_y)
+        return math.cos(yaw) * to_y - math.sin(yaw) * to_x
 
     def _along(self, x: float, y: float) -> float:
         """Way along the line to beside a point, from where the circle begins [m]."""
@@ -125,7 +107,7 @@ class Circle:
         x -= self.straight
         if x < 0.0 and self.straight > 0.0:
             return y
-        return math.copysign(abs(self.radius) - math.hypot(x, y - self.radius), self.radius)
+        return math.copysign(1.0, self.radius) * (abs(self.radius) - math.hypot(x, y - self.radius))
 
     def heading(self, x: Array, y: Array) -> Array:
         x = x - self.straight

@@ -21,19 +21,19 @@ FITTED = 3.0  # lateral acceleration up to which the gradient is fitted, on fric
 class SteadyCircle(Followed):
     """Round a circle of constant radius, faster and faster, so slowly that each instant is a steady state: ISO 4138.
 
-    100 m (k), from 25 km/h on at 0.25 m/s2 until 4 m/s2 of lateral acceleration (chosen).
+    100 m (k), from 30 km/h on at 0.1 m/s2 until 3.2 m/s2 of lateral acceleration (chosen).
 
     Judged by (chosen): distance from the circle, and that the car cornered at 3 m/s2, so that the fit has its data.
     Reported: understeer gradient, in road-wheel angle, at small lateral acceleration; theory's stands as its limit.
     """
 
-    speed: float = 25 * KMH
-    duration: float = 60.0
+    speed: float = 30 * KMH
+    duration: float = 105.0
     radius: float = 100.0  # [m]
     side: float = 1.0  # 1 to the left, -1 to the right
     settle: float = 5.0  # time at the start speed before it rises [s]
-    gain: float = 0.25  # of speed [m/s2]
-    most: float = 4.0  # lateral acceleration at which the speed stays [m/s2]
+    gain: float = 0.1  # of speed [m/s2]
+    most: float = 3.2  # lateral acceleration at which the speed stays [m/s2]
 
     positive: ClassVar[tuple[str, ...]] = ("gain", "most", "radius")
     not_negative: ClassVar[tuple[str, ...]] = ("settle",)
@@ -76,8 +76,8 @@ class SteadyCircle(Followed):
 def understeer_gradient(log: Log, since: float, most: float = FITTED) -> float:
     """Slope at no lateral acceleration of the road-wheel angle beyond that of a car without sideslip [rad s2/m].
 
-    The angle beyond wheelbase times curvature is fitted, from a time on and up to a lateral acceleration, by a parabola
-    through which the tyres' softening goes. NaN if there is too little to fit.
+    The angle is fitted, from a time on and up to a lateral acceleration, by a length times the curvature and a cubic in
+    the lateral acceleration, whose higher terms take up the tyres' softening. NaN if there is too little to fit.
     """
     speed = np.hypot(log.truth[:, p.VX], log.truth[:, p.VY])
     use = (log.time >= since) & (np.abs(log.truth[:, p.AY]) <= most) & (speed > 1.0)
@@ -85,5 +85,6 @@ def understeer_gradient(log: Log, since: float, most: float = FITTED) -> float:
         return math.nan
     curvature = log.truth[use, p.YAW_RATE] / speed[use]
     side = math.copysign(1.0, float(np.mean(curvature)))
-    columns = np.column_stack((side * curvature, side * log.truth[use, p.AY], log.truth[use, p.AY] ** 2))
+    ay = side * log.truth[use, p.AY]
+    columns = np.column_stack((side * curvature, ay, ay**2, ay**3))
     return float(np.linalg.lstsq(columns, side * log.steer[use], rcond=None)[0][1])
