@@ -9,7 +9,7 @@ import pytest
 from vse_gym.manoeuvres.slowly_increasing_steer import steer_at_0_3g
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import CONTACT, FX, FY, MZ, RADIUS, contact, rolling_start, wheel_velocity
-from vse_gym.physics.reference import DERIVATIVES, LOW_SPEED, advance_reference, evaluate_tyres
+from vse_gym.physics.reference import DERIVATIVES, LOW_SPEED, advance_reference, unsteady_contact
 from vse_gym.physics.tyres import PLATEAU, tyre_force
 from vse_gym.simulation import rollout, scenario
 from vse_gym.vehicles import load, names
@@ -35,6 +35,13 @@ def watch(vehicle, road, state, inputs, steps, h=1e-3):
     for _ in range(steps):
         states.append(advance_reference(vehicle, road, states[-1], inputs, 1, h))
     return np.array(states)
+
+
+def evaluate(vehicle, road, state, steer):
+    wheels = np.empty((4, CONTACT))
+    contact(vehicle, road, state, steer, wheels)
+    unsteady_contact(vehicle, road, state, wheels, np.empty(DERIVATIVES))
+    return wheels
 
 
 @every_tyre
@@ -67,9 +74,9 @@ def test_the_steady_state_is_that_of_the_steady_tyre(car, kappa, steer):
     state = rolling_start(vehicle, speed)
     state[p.WHEEL_SPEEDS] *= 1 + kappa
     settled = advance_reference(vehicle, ICE, state, p.Inputs(steer, NOTHING, NOTHING), 5000, 1e-3)
-    slow, fast = np.empty((4, CONTACT)), np.empty((4, CONTACT))
-    evaluate_tyres(vehicle, road, settled, steer, slow, np.empty(DERIVATIVES))
+    fast = np.empty((4, CONTACT))
     contact(vehicle, road, settled, steer, fast)
+    slow = evaluate(vehicle, road, settled, steer)
     # After 40 lengths, e^-40 is left; the ice changes wheel speeds by some 1e-5.
     forces = [FX, FY, MZ]
     np.testing.assert_allclose(slow[:, forces], fast[:, forces], rtol=1e-3, atol=1e-3 * np.abs(fast[:, forces]).max())
@@ -134,8 +141,7 @@ def kinetic_energy(vehicle, x):
 
 def tyre_power(vehicle, road, x, steer):
     """Power that the four tyres take, to rub or to keep [W]."""
-    wheels, power = np.empty((4, CONTACT)), 0.0
-    evaluate_tyres(vehicle, road, x, steer, wheels, np.empty(DERIVATIVES))
+    wheels, power = evaluate(vehicle, road, x, steer), 0.0
     for i in range(4):
         along, across = wheel_velocity(vehicle, i, x[p.VX], x[p.VY], x[p.YAW_RATE], steer)
         slip_velocity = wheels[i, RADIUS] * x[p.WHEEL + i] - along

@@ -82,8 +82,8 @@ def relax(tyre, x, i, v, across, load, friction, wheels):
 
 
 @compiled
-def relaxed_contact(vehicle, road, x, wheels, dx):
-    """Forces of the unsteady tyres, into ``wheels`` as ``contact`` has left it, and their slips' derivatives."""
+def unsteady_contact(vehicle, road, x, wheels, dx):
+    """Forces of unsteady tyres, into ``wheels`` as ``contact`` left it, and their slips' derivatives, into ``dx``."""
     for i in range(4):
         px, py, c, s = wheels[i, ARM_X], wheels[i, ARM_Y], wheels[i, COS], wheels[i, SIN]
         vx, vy = x[VX] - x[YAW_RATE] * py, x[VY] + x[YAW_RATE] * px
@@ -99,23 +99,16 @@ def relaxed_contact(vehicle, road, x, wheels, dx):
 
 
 @compiled
-def evaluate_tyres(vehicle, road, x, steer, wheels, dx):
-    """Evaluate the four tyres, steady or unsteady as the car's are; their slips' derivatives into ``dx``."""
-    contact(vehicle, road, x, steer, wheels)
-    if vehicle.relaxation_x > 0:
-        relaxed_contact(vehicle, road, x, wheels, dx)
-    else:
-        for i in range(4):
-            dx[LAG_X + i] = dx[LAG_Y + i] = 0.0
-
-
-@compiled
 def derivative(vehicle, road, x, inputs, direction, wheels, dx):
     """Time derivative of the state, into ``dx``; ``direction`` (4,) is the frozen sign of the brakes' torques.
 
     A standing wheel whose direction is 0 is held by its brake and stays.
     """
-    evaluate_tyres(vehicle, road, x, inputs.steer, wheels, dx)
+    contact(vehicle, road, x, inputs.steer, wheels)
+    for i in range(8):
+        dx[LAG_X + i] = 0.0
+    if vehicle.relaxation_x > 0:
+        unsteady_contact(vehicle, road, x, wheels, dx)
     ax, ay, yaw_acceleration = specific_forces(vehicle, wheels)
     gx, gy = pull(road, x[DISTANCE])
     cos_yaw, sin_yaw = math.cos(x[YAW]), math.sin(x[YAW])
@@ -149,7 +142,9 @@ def advance_reference(vehicle, road, state, inputs, steps, h):
     wheels = np.empty((4, CONTACT))
     direction = np.empty(4)
     for _ in range(steps):
-        evaluate_tyres(vehicle, road, x, inputs.steer, wheels, dx)
+        contact(vehicle, road, x, inputs.steer, wheels)
+        if vehicle.relaxation_x > 0:
+            unsteady_contact(vehicle, road, x, wheels, dx)
         for i in range(4):
             net = inputs.drive[i] - wheels[i, RADIUS] * wheels[i, FX]
             direction[i] = brake_direction(x[WHEEL + i], net, inputs.brake[i])
@@ -165,6 +160,8 @@ def advance_reference(vehicle, road, state, inputs, steps, h):
         for i in range(4):
             if inputs.brake[i] > 0 and start[WHEEL + i] * x[WHEEL + i] < 0:
                 x[WHEEL + i] = 0.0
-    evaluate_tyres(vehicle, road, x, inputs.steer, wheels, dx)
+    contact(vehicle, road, x, inputs.steer, wheels)
+    if vehicle.relaxation_x > 0:
+        unsteady_contact(vehicle, road, x, wheels, dx)
     x[AX], x[AY], _ = specific_forces(vehicle, wheels)
     return x
