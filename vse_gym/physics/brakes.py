@@ -59,15 +59,23 @@ def _hydraulics(unit, torque, demand, dt):
 
 
 @compiled
-def _believed(unit, memory, i, heard, dt):
+def _believed(unit, memory, i, heard, slowing, dt):
     """Speed of wheel i and what the road gives it: observed, or predicted while its sensor is silent.
+
+    Args:
+        unit: Tunings.
+        memory: From the last step.
+        i: Wheel.
+        heard: Its speed as last heard [rad/s].
+        slowing: Rate of a wheel that keeps its slip, which a silent one is taken for unless the ABS has it [rad/s2].
+        dt: [s].
 
     Returns:
         speed [rad/s], its rate [rad/s2], road torque [N m].
     """
     before, road = memory[TURNS, i], memory[ROAD, i]
     if heard > 0 and heard == memory[LAST, i] and memory[0, i] > 0:  # a braking wheel never keeps its speed
-        rate = (road - memory[0, i]) / unit.inertia
+        rate = (road - memory[0, i]) / unit.inertia if memory[ACTIVE, i] > 0 else slowing
         return before + dt * rate, rate, road
     rate = (heard - before) / dt
     if heard > 0 and before > 0:  # a locked wheel says nothing of the road, nor does one heard for the first time
@@ -141,7 +149,7 @@ def brake_torques(unit, geometry, memory, driver, added, release, heard, velocit
         asked[i] = (1 - min(1.0, max(0.0, release[i]))) * driver[i]
         extra[i] = min(cap, max(0.0, added[i]))
         after[LAST, i] = heard[3 + i]
-        after[TURNS, i], rate, after[ROAD, i] = _believed(unit, memory, i, heard[3 + i], dt)
+        after[TURNS, i], rate, after[ROAD, i] = _believed(unit, memory, i, heard[3 + i], ax / radius, dt)
         after[ACTIVE, i] = 0.0
         demand = asked[i] + extra[i]
         along, _ = wheel_velocity(geometry, i, vx, vy, yaw_rate, steer)
