@@ -124,19 +124,29 @@ def test_wheels_that_roll_in_a_turn_are_not_taken_to_slip(vx, vy, yaw_rate, stee
     assert np.all(after[-BELIEFS - 1] == 700)
 
 
-@pytest.mark.parametrize("wheel", range(4))
-def test_only_the_wheel_that_locks_is_let_go_and_its_neighbour_waits(wheel):
+def one_locks(wheel):
+    """Readings at 20 m/s of rolling wheels but one, (7,)."""
     heard = rolling(20.0)
     heard[3 + wheel] = 0.0
-    torques, _ = respond(200, driver=np.full(4, 700.0), heard=heard, velocity=(20.0, 0.0, 0.0))
+    return heard
+
+
+@pytest.mark.parametrize("wheel", range(4))
+def test_only_the_wheel_that_locks_is_let_go_and_the_other_axle_brakes_on(wheel):
+    torques, _ = respond(200, driver=np.full(4, 700.0), heard=one_locks(wheel), velocity=(20.0, 0.0, 0.0))
     assert torques[-1, wheel] == pytest.approx(UNIT.least, rel=1e-6)
-    others = [2, 3] if wheel < 2 else [0, 1]
-    np.testing.assert_allclose(torques[-1, others], 700, rtol=1e-6)
+    np.testing.assert_allclose(torques[-1, [2, 3] if wheel < 2 else [0, 1]], 700, rtol=1e-6)
+
+
+@pytest.mark.parametrize("wheel", range(4))
+def test_beside_a_locked_wheel_torque_builds_up_slowly_in_front_and_wears_off_behind(wheel):
+    driver, moving = np.full(4, 700.0), (20.0, 0.0, 0.0)
+    _, memory = respond(0 if wheel < 2 else 200, driver=driver, heard=rolling(20.0), velocity=moving)
+    torques, _ = respond(60, driver=driver, heard=one_locks(wheel), velocity=moving, memory=memory)
     rate = UNIT.yaw_build_up_front if wheel < 2 else UNIT.yaw_build_up_rear
     neighbour = torques[:, wheel + 1 if wheel % 2 == 0 else wheel - 1]
-    begun = neighbour > 1.1 * UNIT.least  # as much as the wheel itself it has at once
-    assert np.diff(neighbour[begun]).max() == pytest.approx(rate * 0.01, rel=0.1)
-    assert neighbour.max() <= 700
+    # Once the dead time and the lag have passed; the unit reckons with them as if its steps were short.
+    np.testing.assert_allclose(np.diff(neighbour[30:]), rate * 0.01, rtol=0.1)
 
 
 def test_locked_wheels_keep_their_torque_below_the_slowest_speed():

@@ -147,9 +147,10 @@ def heading(log):
     return np.abs(log.truth[:, p.YAW]).max()
 
 
+@pytest.mark.parametrize("estimator", ["truth", "ekf"])
 @some_cars
-def test_on_split_friction_a_driver_holds_the_heading_and_locked_wheels_do_not_let_him(car):
-    log, slip = drive(car, 0.9, steering=0.8, **SPLIT)
+def test_on_split_friction_a_driver_holds_the_heading_and_locked_wheels_do_not_let_him(car, estimator):
+    log, slip = drive(car, 0.9, estimator, steering=0.8, **SPLIT)
     assert heading(log) < 15 * DEG
     assert slip[log.truth[:, p.VX] > 8].max() < 0.5
     # All that both sides have, and 0.15 s to build up. The best slip, if all wheels have the same, takes 5-10 % more.

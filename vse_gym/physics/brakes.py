@@ -28,8 +28,8 @@ class BrakeUnit(NamedTuple):
     heed: float = 0.6  # share of the newest road torque in its average [-]
     least: float = 30.0  # torque that the ABS leaves a wheel: one that brakes is not taken to roll freely [N m]
     inertia: float = 1.2  # of a wheel, as the unit knows it [kg m2]
-    yaw_build_up_front: float = 1e3  # of a wheel that gets more than its slipping neighbour [N m/s]
-    yaw_build_up_rear: float = 30.0  # the same at the rear axle, which must hold the car's tail [N m/s]
+    yaw_build_up_front: float = 1e3  # rise of what a wheel gets beyond its slipping neighbour [N m/s]
+    yaw_build_up_rear: float = -50.0  # the same behind: it falls, so that grip is left to hold the tail [N m/s]
     slowest: float = 2.0  # estimated speed below which the ABS is off [m/s]
     dead_time: float = 0.020  # [s]
     lag: float = 0.050  # [s]
@@ -59,18 +59,26 @@ def _hydraulics(unit, torque, demand, dt):
 
 
 @compiled
-def _believed(unit, memory, i, heard, dt):
+def _believed(unit, memory, i, heard, slowing, dt):
     """Speed of wheel i and what the road gives it: observed, or predicted while its sensor is silent.
+
+    Args:
+        unit: Tunings.
+        memory: From the last step.
+        i: Wheel.
+        heard: Its speed as last heard [rad/s].
+        slowing: Rate of a wheel that keeps its slip, which a silent one is taken for unless the ABS has it [rad/s2].
+        dt: [s].
 
     Returns:
         speed [rad/s], its rate [rad/s2], road torque [N m].
     """
     before, road = memory[TURNS, i], memory[ROAD, i]
     if heard > 0 and heard == memory[LAST, i] and memory[0, i] > 0:  # a braking wheel never keeps its speed
-        rate = (road - memory[0, i]) / unit.inertia
+        rate = (road - memory[0, i]) / unit.inertia if memory[ACTIVE, i] > 0 else slowing
         return before + dt * rate, rate, road
     rate = (heard - before) / dt
-    if heard > 0:  # a locked wheel says nothing of the road
+    if heard > 0 and before > 0:  # a locked wheel says nothing of the road, nor does one heard for the first time
         road += unit.heed * (max(0.0, memory[0, i] + unit.inertia * rate) - road)
     return heard, rate, road
 
@@ -104,8 +112,8 @@ def _held(unit, memory, i, along, slip, ax, radius, dt):
 def _delay_yaw(unit, memory, driver, held):
     """Limits the driver's torques (4,) so that on split friction the yaw moment builds up slowly: edits them.
 
-    Beside a wheel that the ABS has, its neighbour on the axle gets no more than that one could take, but for a slow
-    rise: the driver needs time to steer against it.
+    Beside a wheel that the ABS has, its neighbour on the axle gets what that one could take, or what it has had, which
+    rises slowly in front, so that the driver has time to steer against it, and wears off behind.
     """
     for i in range(4):
         other = i + 1 if i % 2 == 0 else i - 1
@@ -141,7 +149,7 @@ def brake_torques(unit, geometry, memory, driver, added, release, heard, velocit
         asked[i] = (1 - min(1.0, max(0.0, release[i]))) * driver[i]
         extra[i] = min(cap, max(0.0, added[i]))
         after[LAST, i] = heard[3 + i]
-        after[TURNS, i], rate, after[ROAD, i] = _believed(unit, memory, i, heard[3 + i], dt)
+        after[TURNS, i], rate, after[ROAD, i] = _believed(unit, memory, i, heard[3 + i], ax / radius, dt)
         after[ACTIVE, i] = 0.0
         demand = asked[i] + extra[i]
         along, _ = wheel_velocity(geometry, i, vx, vy, yaw_rate, steer)
