@@ -1,121 +1,29 @@
 """The peers' half of speed.py, run in their own virtual environment with this package's source on PYTHONPATH.
 
-Started with the path of a pickled drive (model, inputs, readings), it reads one request a line from standard input, a
+Started with the path of a pickled drive (models, inputs, readings), it reads one request a line from standard input, a
 JSON list of a name in REQUESTS and its arguments, and answers each with one line of JSON. So it lives on while
 speed.py alternates between its own measurements and those here.
 
-The peers are given every advantage that their structure allows. The model is this package's, compiled; all points of a
-stencil and all sigma points go through it in one call; a call from Python does as much of the model's work as fits
-between two calls of the library. What is left is the libraries' own.
+filterpy's Kalman filters are in peers_filterpy.py; here are a particle filter in NumPy, and environments.
 """
 
 import contextlib
 import json
 import math
-import pickle
 import sys
 import time
 from importlib.metadata import version
 from itertools import cycle, islice
-from pathlib import Path
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from filterpy.monte_carlo import systematic_resample
+from peers_filterpy import DRIVES as KALMAN_DRIVES
+from peers_filterpy import drive_extended, heeded, model, readings
 
-from vse_gym.compiled import compiled
-from vse_gym.inference.gaussian import _jacobian, _stencil
-from vse_gym.inference.model import advance, attend, heed, observe
+from vse_gym.inference.model import advance, attend, observe
 from vse_gym.models.single_track import BRAKING, SLOWEST
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.physics.tyres import KNOT
-from vse_gym.sensors import FITTED
-
-STEP = 6e-6  # of the central differences, as in vse_gym.inference.gaussian.Extended
-model, inputs, readings = pickle.loads(Path(sys.argv[1]).read_bytes())
-heeded = np.array([heed(model, u, y) for u, y in zip(inputs, readings, strict=True)])
-
-
-# -- filterpy's extended Kalman filter ------------------------------------------------------------------------------
-
-
-@compiled
-def advance_linearised(model, mean, u, step):
-    """The mean one step on (n,), and the Jacobian there (n, n)."""
-    columns = _stencil(mean, step)
-    values = advance(model, columns, u)
-    return values[:, 0].copy(), _jacobian(columns, values)
-
-
-@compiled
-def observe_linearised(model, memory, mean, u, y, step):
-    """Of the channels to be believed: reading, expected reading, Jacobian, noise covariance; and the memory."""
-    variances, memory = attend(model, memory, u, y)
-    used = np.nonzero(~np.isnan(variances))[0]
-    columns = _stencil(mean, step)
-    values = observe(model, columns, u)[used]
-    return y[used], values[:, 0].copy(), _jacobian(columns, values), np.diag(variances[used]), memory
-
-
-class Extended(ExtendedKalmanFilter):
-    """filterpy's, with the nonlinear prediction that its documentation leaves to a subclass."""
-
-    def predict_x(self, u=0):
-        """Set the mean and the transition matrix; filterpy's ``predict`` does the covariance."""
-        self.x, self.F = advance_linearised(model, self.x, u, STEP)
-
-
-def drive_extended():
-    """Means (T, 3) and covariances (T, 3, 3) of the recorded drive."""
-    kalman = Extended(dim_x=3, dim_z=FITTED)
-    kalman.x, kalman.P, kalman.Q = model.prior_mean, model.prior_cov, model.process_cov
-    memory, means, covs = model.memory, np.empty((len(readings), 3)), np.empty((len(readings), 3, 3))
-    for k, (u, y) in enumerate(zip(heeded, readings, strict=True)):
-        kalman.predict(u)
-        z, expected, jacobian, noise, memory = observe_linearised(model, memory, kalman.x, u, y, STEP)
-        kalman.update(z, lambda _, j=jacobian: j, lambda _, e=expected: e, noise)
-        means[k], covs[k] = kalman.x, kalman.P
-    return means, covs
-
-
-# -- filterpy's unscented Kalman filter -----------------------------------------------------------------------------
-
-
-@compiled
-def advance_rows(model, points, u):
-    """Sigma points as rows (2n + 1, n), one step on."""
-    return advance(model, points.T.copy(), u).T.copy()
-
-
-@compiled
-def observe_rows(model, memory, points, u, y):
-    """Of the channels to be believed: reading, expected reading of each point, noise covariance; and the memory."""
-    variances, memory = attend(model, memory, u, y)
-    used = np.nonzero(~np.isnan(variances))[0]
-    return y[used], observe(model, points.T.copy(), u)[used].T.copy(), np.diag(variances[used]), memory
-
-
-class Unscented(UnscentedKalmanFilter):
-    """filterpy's, with all sigma points through the model in one call instead of one call each."""
-
-    def compute_process_sigmas(self, dt, fx=None, **fx_args):
-        """Draw the points and advance them."""
-        self.sigmas_f = advance_rows(model, self.points_fn.sigma_points(self.x, self.P), fx_args["u"])
-
-
-def drive_unscented():
-    """Means (T, 3) and covariances (T, 3, 3) of the recorded drive."""
-    kalman = Unscented(3, FITTED, model.dt, None, None, MerweScaledSigmaPoints(3, alpha=1.0, beta=2.0, kappa=0.0))
-    kalman.x, kalman.P, kalman.Q = model.prior_mean, model.prior_cov, model.process_cov
-    memory, means, covs = model.memory, np.empty((len(readings), 3)), np.empty((len(readings), 3, 3))
-    for k, (u, y) in enumerate(zip(heeded, readings, strict=True)):
-        kalman.predict(u=u)
-        z, rows, noise, memory = observe_rows(model, memory, kalman.sigmas_f, u, y)
-        expected = iter(rows)  # update() asks for the points' readings one by one, in their order
-        kalman.update(z, noise, hx=lambda _, expected=expected: next(expected))
-        means[k], covs[k] = kalman.x, kalman.P
-    return means, covs
-
 
 # -- a bootstrap particle filter in NumPy ---------------------------------------------------------------------------
 
@@ -274,7 +182,7 @@ def steps_per_second(name, duration, chunk):
     return steps / spent
 
 
-DRIVES = {"ekf": drive_extended, "ukf": drive_unscented, "pf": drive_particles}
+DRIVES = KALMAN_DRIVES | {"pf": drive_particles}
 
 
 def drive(kind, *settings):

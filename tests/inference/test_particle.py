@@ -224,3 +224,15 @@ def test_a_particle_without_weight_beside_the_reading_does_no_harm(linear, share
     assert weights.sum() == pytest.approx(1.0)
     assert np.all(np.isfinite(cov))
     assert np.all(np.isfinite(output[:2]))
+
+
+def test_a_single_particle_with_all_the_weight_still_doubts(linear):
+    # Its sample covariance is zero, and to rounding even indefinite.
+    rng = np.random.default_rng(1)
+    states, weights = draw(linear.prior_mean, linear.prior_cov, 50, rng), np.zeros(50)
+    weights[7] = 1.0
+    _, _, _, cov, output = bootstrap_step(
+        linear, states, weights, linear.memory, np.zeros(1), np.full(3, np.nan), 0.0, 0.5, rng
+    )
+    assert output[5] == 1
+    np.testing.assert_allclose(cov, linear.process_cov, atol=1e-12)

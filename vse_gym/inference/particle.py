@@ -95,7 +95,7 @@ def bootstrap_step(model, states, weights, memory, u, y, share, resample_below, 
     when the effective sample size falls below ``resample_below`` N.
 
     Returns:
-        states (n, N), weights (N,) summing to one, memory, cov (n, n),
+        states (n, N), weights (N,) summing to one, memory, cov (n, n), positive definite,
         output (6,): vx, vy, yaw rate, ax, ay and the effective sample size.
     """
     n, size = states.shape
@@ -132,6 +132,10 @@ def bootstrap_step(model, states, weights, memory, u, y, share, resample_below, 
             value = 0.0
             for j in range(size):
                 value += after[j] * (states[i, j] - mean[i]) * (states[k, j] - mean[k])
+            if squares * 2 * n > 1:
+                # So few particles carry the weight that their sample has hardly any rank, and none if one carries it
+                # all: each stands for the noise that it was drawn with, too.
+                value += squares * model.process_cov[i, k]
             cov[i, k] = cov[k, i] = value
     output = np.empty(6)
     output[:5] = report(model, mean, u)

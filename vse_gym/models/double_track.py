@@ -189,8 +189,8 @@ def _(model, states, u):
 @compiled
 def _(model, u, y):
     # A wheel under torque is known by its slip. Of a free one, and of one whose sensor is silent, the torque says
-    # more than the small difference of two large speeds would. And while all wheels brake, none tells the speed that a
-    # slip would be taken against: then the torques, held to what is felt, say more.
+    # more than the small difference of two large speeds would. And while the driver brakes, three wheels or more, none
+    # tells for long the speed that a slip would be taken against: then the torques, held to what is felt, say more.
     out = np.empty(U_WHEEL + 4)
     eased, braking = ease_brakes(model, model.vehicle.mass, u, y), 0
     for i in range(4):
@@ -199,7 +199,7 @@ def _(model, u, y):
         out[i] = eased[i]
     for i in range(4):
         free = u[U_BRAKE + i] <= BRAKING and abs(u[U_DRIVE + i]) <= BRAKING
-        out[U_WHEEL + i] = np.nan if free or braking == 4 else y[Y_WHEEL + i]
+        out[U_WHEEL + i] = np.nan if free or braking > 2 else y[Y_WHEEL + i]
     return out
 
 
