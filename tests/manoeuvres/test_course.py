@@ -29,8 +29,8 @@ def cones(*points, radius=CONE):
 
 
 def test_the_outline_is_the_body_over_its_overhangs():
-    assert NOSE - TAIL == pytest.approx(CAR.wheelbase + CAR.front_overhang + CAR.rear_overhang)
-    assert NOSE == CAR.lf + CAR.front_overhang and 2 * SIDE == CAR.width
+    assert pytest.approx(CAR.wheelbase + CAR.front_overhang + CAR.rear_overhang) == NOSE - TAIL
+    assert CAR.lf + CAR.front_overhang == NOSE and CAR.width == 2 * SIDE
 
 
 @pytest.mark.parametrize(
@@ -92,9 +92,7 @@ def test_a_mirrored_drive_past_mirrored_cones_keeps_its_distances(poses):
     course = course_of((Lane(10.0, 20.0, 0.5, 2.4), Lane(35.0, 50.0, -1.0, 3.0)), NO_LINE)
     flip = course._replace(cones=course.cones * [1, -1], gates=(course.gates * [1, -1])[:, ::-1])
     x, y, yaw = np.array(poses).T
-    np.testing.assert_array_equal(
-        clearances(course, CAR, drive(x, y, yaw)), clearances(flip, CAR, drive(x, -y, -yaw))
-    )
+    np.testing.assert_array_equal(clearances(course, CAR, drive(x, y, yaw)), clearances(flip, CAR, drive(x, -y, -yaw)))
     assert gates_missed(course, drive(x, y)) == gates_missed(flip, drive(x, -y))
 
 

@@ -69,11 +69,8 @@ def run(vehicle, path, speed, seconds, offset=0.0, yaw=0.0, driver=DRIVER):
 @pytest.mark.parametrize("kmh", [20, 50, 80, 95, 120])
 def test_a_car_beside_its_lane_is_brought_back_and_stays(car, kmh):
     vehicle = load(car)
-    if kmh * KMH >= vehicle.critical_speed:
-        return_to = 0.95 * vehicle.critical_speed
-    else:
-        return_to = kmh * KMH
-    states, _ = run(vehicle, STRAIGHT, return_to, 10.0, offset=0.5)
+    speed = min(kmh * KMH, 0.95 * vehicle.critical_speed)
+    states, _ = run(vehicle, STRAIGHT, speed, 10.0, offset=0.5)
     # The slowest pole of all cars and speeds is 0.995 a step: of 0.5 m, 3 mm would be left after 10 s.
     assert np.abs(states[-100:, p.Y]).max() < 0.02
     assert np.abs(states[:, p.Y]).max() < 0.6
