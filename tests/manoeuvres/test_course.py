@@ -1,6 +1,7 @@
 """Cones and gates against plane geometry, brute force and symmetry."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -81,7 +82,7 @@ def test_clearances_are_what_brute_force_finds(points, poses):
     # A thousand looks between two instants, against the bound's choice of where to look: the steps are at most 11 mm.
     truth = drive(*np.array(poses).T)
     pose = truth[:, [p.X, p.Y, p.YAW]]
-    fine = [pose[0]] + [a + s * (b - a) for a, b in zip(pose, pose[1:], strict=False) for s in np.linspace(0, 1, 1001)]
+    fine = [pose[0]] + [a + s * (b - a) for a, b in pairwise(pose) for s in np.linspace(0, 1, 1001)]
     brute = np.array([distance_to_body(CAR, np.array(fine), np.array(c)).min() for c in points]) - CONE
     # Distances change by no more than the outline moves between two looks, 10 mm at most in either.
     np.testing.assert_allclose(clearances(cones(*points), CAR, truth), brute, atol=0.011)
