@@ -1,7 +1,8 @@
 """How fast this package is, beside its peers: one table, measured in one run.
 
     python benchmarks/speed.py                     everything
-    python benchmarks/speed.py --only filterpy     one group of rows: env, filterpy, particles, drive, start, blocks
+    python benchmarks/speed.py --only filterpy     one group of rows: env, plant, filterpy, particles, drive, start,
+                                                   blocks
 
 A figure is the median of repeats, with the least and the greatest beside it. Here and peer take turns, and a ratio is
 the median of the repeats' own ratios, so that a machine that slows down for a while slows both sides; one repeat more
@@ -36,16 +37,22 @@ from rich.table import Table
 
 import vse_gym  # noqa: F401  (registers the environments)
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS
+from vse_gym.compiled import compiled
 from vse_gym.inference.gaussian import filter_drive
+from vse_gym.physics import parameters as p
+from vse_gym.physics.double_track import CONTACT, advance, rolling_start
+from vse_gym.physics.reference import DERIVATIVES, derivative
 from vse_gym.sensors import stream
 from vse_gym.simulation import rollout, scenario
-from vse_gym.types import Estimate, Reading
+from vse_gym.types import NO_TORQUE, Estimate, Reading
+from vse_gym.vehicles import load
 
 ROOT = Path(__file__).resolve().parent.parent
 REQUIREMENTS, PEERS = ROOT / "benchmarks" / "peers-requirements.txt", ROOT / ".venv-peers"
-GROUPS = ("env", "filterpy", "particles", "drive", "start", "blocks")
+GROUPS = ("env", "plant", "filterpy", "particles", "drive", "start", "blocks")
 SAME = 1e-6  # largest difference between estimates that are called the same [SI]
 ENV_SECONDS, CHUNK = 0.3, 16  # of one repeat of an environment, and steps between looks at the clock
+PLANT_STEPS = 2000  # of one repeat of the plant
 
 
 @dataclass
@@ -184,6 +191,22 @@ class Bench:
         yield Row("env.step: sensors, truth, esc", "steps/s", truth, target=25_000)
         yield from (Row(what, "steps/s", ekf, name, rate) for name, rate in zip(names, rates, strict=True))
 
+    def plant(self) -> Iterator[Row]:
+        """A control step of the plant beside as many bare evaluations of its derivative, on one car of each tyre."""
+        for car in ("qin2014_understeer", "chen2024_c_class", "tian2018_electric"):
+            vehicle, road = load(car), p.road((0.0, 0.9))
+            inputs = p.Inputs(0.03, NO_TORQUE, np.full(4, 50.0))
+            state = advance(vehicle, road, rolling_start(vehicle, 22.0), inputs, 300, 1e-3)  # in a turn of 0.4 g
+            step, bare = self.by_turns(
+                lambda a=(vehicle, road, state, inputs): _seconds(lambda: _many_steps(*a, PLANT_STEPS)) / PLANT_STEPS,
+                lambda a=(vehicle, road, state, inputs): (
+                    _seconds(lambda: _many_bare_loops(*a, PLANT_STEPS)) / PLANT_STEPS
+                ),
+                unit=1e6,
+            )
+            peer = ("10 derivatives and Euler steps, compiled", bare)
+            yield Row(f"plant: 10 substeps, {car}", "us", step, *peer, 1.3, of_ratio=True)
+
     def filterpy(self) -> Iterator[Row]:
         """A filter's step, with the loop inside compiled code and called from Python, beside filterpy's."""
         for name, limit in (("ekf", 8), ("ukf", 15)):
@@ -271,6 +294,27 @@ def _fresh(code: str) -> tuple[float, float]:
     command, start = [sys.executable, "-c", f"import time\n{code}"], time.time()
     said, busy = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.split()
     return float(said) - start, float(busy)
+
+
+@compiled
+def _many_steps(vehicle, road, state, inputs, n):
+    total = 0.0
+    for _ in range(n):
+        total += advance(vehicle, road, state, inputs, 10, 1e-3)[p.VX]
+    return total
+
+
+@compiled
+def _many_bare_loops(vehicle, road, state, inputs, n):
+    dx, wheels, direction, total = np.empty(DERIVATIVES), np.empty((4, CONTACT)), np.ones(4), 0.0
+    for _ in range(n):
+        x = state.copy()
+        for _ in range(10):
+            derivative(vehicle, road, x, inputs, direction, wheels, dx)
+            for j in range(DERIVATIVES):
+                x[j] += 1e-3 * dx[j]
+        total += x[p.VX]
+    return total
 
 
 def _seconds(work: Callable[[], Any]) -> float:

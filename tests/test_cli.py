@@ -53,7 +53,7 @@ WRONG = [
     (["run", "sine"], "known: sine_with_dwell"),
     (["run", "sine_with_dwell", "--estimator", "ekff"], "known: truth"),
     (["run", "sine_with_dwell", "--controller", "abs"], "known: none"),
-    (["run", "sine_with_dwell", "--vehicle", "beetle"], "known: qin2014"),
+    (["run", "sine_with_dwell", "--vehicle", "beetle"], "known: bmw_320i, "),
     (["run", "sine_with_dwell", "--sensors", "best"], "known: clean"),
     (["run", "sine_with_dwell", "--friction", "0"], "friction"),
     (["run", "straight_driving", "--amplitude-deg", "10"], "amplitude"),

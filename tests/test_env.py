@@ -238,7 +238,7 @@ def test_rewards_stay_within_their_bounds(controller):
 WRONG = [
     ({"estimator": "ekff"}, "known: truth"),
     ({"controller": "abs"}, "known: none"),
-    ({"vehicle": "beetle"}, "known: qin2014"),
+    ({"vehicle": "beetle"}, "known: bmw_320i"),
     ({"sensors": "perfect"}, "known: clean"),
     ({"observation": "everything"}, "one of estimate"),
     ({"action": "steer"}, "one of brakes"),

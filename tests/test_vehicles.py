@@ -96,6 +96,25 @@ def test_a_key_with_a_default_may_be_left_out(tmp_path):
     assert load(written(tmp_path, proportional)) == load("qin2014")._replace(front_tyre=tyre, rear_tyre=tyre)
 
 
+def test_a_file_may_give_the_tyres_relaxation_lengths(tmp_path):
+    unsteady = f"relaxation_x = 0.15\nrelaxation_y = 0.45\n{QIN}"
+    assert load(written(tmp_path, unsteady)) == load("qin2014")._replace(relaxation_x=0.15, relaxation_y=0.45)
+
+
+@pytest.mark.parametrize("field", ["relaxation_x", "relaxation_y"])
+@pytest.mark.parametrize("wrong", [-0.1, 0.01, 2.1, math.nan])
+def test_a_relaxation_length_that_cannot_be_is_refused_by_name(field, wrong):
+    lengths = {"relaxation_x": 0.15, "relaxation_y": 0.45, field: wrong}
+    with pytest.raises(ValueError, match=field):
+        load(load("qin2014")._replace(**lengths))
+
+
+@pytest.mark.parametrize("field", ["relaxation_x", "relaxation_y"])
+def test_tyres_relax_in_both_directions_or_in_none(field):
+    with pytest.raises(ValueError, match=r"relaxation_x and relaxation_y must both"):
+        load(load("qin2014")._replace(**{field: 0.3}))
+
+
 @pytest.mark.parametrize("field", ["steering_offset", "radius_error"])
 def test_a_file_does_not_say_how_one_very_car_differs(tmp_path, field):
     with pytest.raises(ValueError, match=rf"mine\.toml.*{field}"):

@@ -19,11 +19,11 @@ from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
 from vse_gym.estimators.base import Estimator
 from vse_gym.manoeuvres.base import si
 from vse_gym.models import Nominal
-from vse_gym.physics.parameters import Vehicle
+from vse_gym.physics.parameters import PerWheel, Vehicle
 from vse_gym.registry import UnknownNameError
 from vse_gym.replay import shadow
 from vse_gym.sensors import stream, suite
-from vse_gym.simulation import Scenario, rollout
+from vse_gym.simulation import Scenario, fitting_integrator, rollout
 from vse_gym.types import Log
 from vse_gym.vehicles import load
 
@@ -43,6 +43,10 @@ class Randomise:
     friction: float = 0.0  # +/- [-]
     mass: tuple[float, float] = (1.0, 1.0)  # times
     stiffness: tuple[float, float] = (1.0, 1.0)  # times, cornering stiffness of every tyre
+    steering_offset: float = 0.0  # +/- of the road wheels with the hand wheel straight [rad]
+    radius_error: float = 0.0  # +/- of each wheel by itself, relative [-]
+    slope: float = 0.0  # +/- [rad]
+    bank: float = 0.0  # +/- [rad]
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,12 @@ class Cell:
         if "jump" in known:  # where it lies does not depend on the speed that was drawn
             changes["jump"] = written.jump * written.speed / changes["speed"]
         told = Nominal(car, noise.sheet, written.speed)
-        return Scenario(replace(written, **changes), _changed(car, mass, stiffness), noise, told)
+        # Drawn last, so that what was drawn before these conditions existed stays as it was.
+        conditions = [randomise.steering_offset, *4 * [randomise.radius_error], randomise.slope, randomise.bank]
+        offset, *radius_errors, slope, bank = (draw.uniform(-r, r) for r in conditions)
+        changes |= {"slope": written.slope + slope, "bank": written.bank + bank}
+        driven = _changed(car, mass, stiffness)._replace(steering_offset=offset, radius_error=PerWheel(*radius_errors))
+        return Scenario(replace(written, **changes), driven, noise, told, integrator=fitting_integrator(driven))
 
 
 def _icy(friction: float) -> float:

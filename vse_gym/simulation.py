@@ -16,7 +16,8 @@ from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.physics.brakes import BrakeUnit, brake_torques, released_brakes
-from vse_gym.physics.double_track import advance, advance_reference, road_friction, rolling_start
+from vse_gym.physics.double_track import advance, road_friction, rolling_start
+from vse_gym.physics.reference import advance_reference
 from vse_gym.sensors import NoiseRecord, Sensors, read_sensors, stream, suite
 from vse_gym.types import CHANNELS, NO_BRAKE, NO_TORQUE, WHEELS, Array, BrakeDemand, Car, Estimate, Log, Reading
 from vse_gym.vehicles import load
@@ -38,7 +39,7 @@ class Scenario:
     sensors: Sensors
     nominal: Nominal  # what estimators and controllers are told of it
     substep: float = 1e-3  # of the plant [s]
-    integrator: str = "semi_implicit"  # or "runge_kutta", above 5 m/s
+    integrator: str = "semi_implicit"  # or "runge_kutta": steady tyres above 5 m/s, relaxing ones always
     brake_unit: BrakeUnit = field(default_factory=BrakeUnit)
 
     def __post_init__(self) -> None:
@@ -47,8 +48,15 @@ class Scenario:
             raise ValueError(f"a drive of {self.manoeuvre.duration} s is shorter than one step of {self.dt} s")
         if self.integrator not in INTEGRATORS:
             raise ValueError(f"integrator must be one of {', '.join(INTEGRATORS)}, not {self.integrator!r}")
+        if self.vehicle.relaxation_x > 0 and self.integrator != "runge_kutta":
+            raise ValueError(f"a car with relaxation lengths needs integrator 'runge_kutta', not {self.integrator!r}")
         if abs(self.substeps * self.substep - self.dt) > 1e-9:
             raise ValueError(f"dt {self.dt} s must be a whole number of substeps of {self.substep} s")
+
+    @property
+    def road(self) -> p.Road:
+        """The manoeuvre's road with its slope and bank."""
+        return p.tilted(self.manoeuvre.road(), self.manoeuvre.slope, self.manoeuvre.bank)
 
     @property
     def dt(self) -> float:
@@ -67,6 +75,11 @@ class Scenario:
 
 
 INTEGRATORS = ("semi_implicit", "runge_kutta")
+
+
+def fitting_integrator(vehicle: p.Vehicle) -> str:
+    """The default integrator, or the one that knows unsteady tyres if the car has them."""
+    return "runge_kutta" if vehicle.relaxation_x > 0 else "semi_implicit"
 
 
 @compiled
@@ -111,6 +124,8 @@ def scenario(
 ) -> Scenario:
     """A scenario from names: the estimator is told this very car, the manoeuvre's speed and a friction of 0.9.
 
+    The integrator is the one that fits the car's tyres.
+
     Args:
         manoeuvre: A name from the catalogue, which ``settings`` go to, or an instance.
         vehicle: A name, the path of a TOML file, or a Vehicle: the true car.
@@ -124,7 +139,8 @@ def scenario(
     """
     car, noise = load(vehicle), suite(sensors)
     test = MANOEUVRES.make(manoeuvre, **settings)
-    return Scenario(test, car, noise, nominal or Nominal(car, noise.sheet, test.speed))
+    told = nominal or Nominal(car, noise.sheet, test.speed)
+    return Scenario(test, car, noise, told, integrator=fitting_integrator(car))
 
 
 class Frame(NamedTuple):
@@ -145,7 +161,7 @@ class Simulation:
     def __init__(self, scenario: Scenario, estimator: str | Estimator):
         self.scenario = scenario
         self.estimator: Estimator = ESTIMATORS.make(estimator)
-        self.road = scenario.manoeuvre.road()
+        self.road = scenario.road
         self._geometry = scenario.nominal.vehicle.geometry  # the brake unit's own idea of the car
 
     def reset(self, seed: int) -> Frame:

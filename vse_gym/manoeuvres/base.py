@@ -69,6 +69,8 @@ class Manoeuvre(ABC):
     speed: float = 80 * KMH  # at the start [m/s]
     friction: float = 0.9  # of the road at the start [-]
     duration: float = 6.0  # [s]
+    slope: float = 0.0  # of the whole road, beside what road() says; positive uphill [rad]
+    bank: float = 0.0  # the same; positive: the left side is higher [rad]
 
     # of a member's settings: those that must be positive, and those that must not be negative
     positive: ClassVar[tuple[str, ...]] = ()
@@ -81,6 +83,8 @@ class Manoeuvre(ABC):
                 continue
             if isinstance(value, bool | str) or not math.isfinite(value):
                 raise ValueError(f"{field.name} must be a finite number, not {value!r}")
+            if field.name in ("slope", "bank") and not abs(value) < 0.5:
+                raise ValueError(f"{field.name} must lie within 0.5 rad, not {value}")
             if field.name in ("speed", "duration", *self.positive) and not value > 0:
                 raise ValueError(f"{field.name} must be positive, not {value}")
             if field.name in self.not_negative and value < 0:
@@ -99,7 +103,7 @@ class Manoeuvre(ABC):
         """What the driver does from now until the next instant, and his state after."""
 
     def road(self) -> Road:
-        """The road; uniform unless a manoeuvre says otherwise."""
+        """The road; uniform unless a manoeuvre says otherwise. ``slope`` and ``bank`` tilt it afterwards."""
         return road((0.0, self.friction))
 
     def course(self, vehicle: Vehicle) -> Course | None:

@@ -4,9 +4,9 @@ Equations: Qin, Li, Li, Cao (2014), doi:10.6041/j.issn.1000-1298.2014.10.004, in
 transfer follows the acceleration through a lag (the suspension's, and it breaks the algebraic loop), road slope and
 bank, and Coulomb brakes that can lock a wheel and hold a standing car.
 
-Two integrators share one force evaluation per stage. :func:`advance` is semi-implicit in each wheel's longitudinal
-slip velocity R w - vx, which is what makes wheels stiff at low speed: it is stable at 1 ms down to standstill.
-:func:`advance_reference` is the classical Runge-Kutta method of order four, for use above 5 m/s.
+:func:`advance` is semi-implicit in each wheel's longitudinal slip velocity R w - vx, which is what makes wheels stiff
+at low speed: it is stable at 1 ms down to standstill. A Runge-Kutta method and unsteady tyres stand in
+:mod:`vse_gym.physics.reference`.
 """
 
 import math
@@ -20,8 +20,6 @@ from vse_gym.physics.parameters import (
     BRAKE_WORK,
     DISTANCE,
     GRAVITY,
-    LAG_X,
-    LAG_Y,
     LOAD_AX,
     LOAD_AY,
     STATE_SIZE,
@@ -36,7 +34,6 @@ from vse_gym.physics.parameters import (
 from vse_gym.physics.tyres import tyre_force
 
 SPEED_FLOOR = 0.5  # slip is taken relative to at least this speed [m/s]
-DERIVATIVES = 22  # how many states have a derivative: all but the outputs
 
 # Columns of the scratch table of one force evaluation, a row per wheel.
 FX, FY, MZ, STIFFNESS, LOAD, ARM_X, ARM_Y, COS, SIN, SLIP, RADIUS = range(11)
@@ -160,65 +157,6 @@ def brake_direction(speed, net, brake):
     if abs(net) <= brake:
         return 0.0
     return math.copysign(1.0, net)
-
-
-@compiled
-def derivative(vehicle, road, x, inputs, direction, wheels, dx):
-    """Time derivative of the state, into ``dx``; ``direction`` (4,) is the frozen sign of the brakes' torques.
-
-    A standing wheel whose direction is 0 is held by its brake and stays.
-    """
-    contact(vehicle, road, x, inputs.steer, wheels)
-    ax, ay, yaw_acceleration = specific_forces(vehicle, wheels)
-    gx, gy = pull(road, x[DISTANCE])
-    cos_yaw, sin_yaw = math.cos(x[YAW]), math.sin(x[YAW])
-    dx[X] = x[VX] * cos_yaw - x[VY] * sin_yaw
-    dx[Y] = x[VX] * sin_yaw + x[VY] * cos_yaw
-    dx[YAW] = x[YAW_RATE]
-    dx[VX] = ax + gx + x[VY] * x[YAW_RATE]
-    dx[VY] = ay + gy - x[VX] * x[YAW_RATE]
-    dx[YAW_RATE] = yaw_acceleration
-    dx[LOAD_AX] = (ax - x[LOAD_AX]) / vehicle.load_lag
-    dx[LOAD_AY] = (ay - x[LOAD_AY]) / vehicle.load_lag
-    dx[DISTANCE] = math.sqrt(x[VX] ** 2 + x[VY] ** 2)
-    dx[BRAKE_WORK] = 0.0
-    for i in range(4):
-        torque = inputs.drive[i] - direction[i] * inputs.brake[i] - wheels[i, RADIUS] * wheels[i, FX]
-        held = direction[i] == 0.0 and inputs.brake[i] > 0
-        dx[WHEEL + i] = 0.0 if held else torque / vehicle.wheel_inertia
-        dx[BRAKE_WORK] += inputs.brake[i] * direction[i] * x[WHEEL + i]
-        dx[LAG_X + i] = dx[LAG_Y + i] = 0.0
-
-
-@compiled
-def advance_reference(vehicle, road, state, inputs, steps, h):
-    """The state after ``steps`` Runge-Kutta steps of ``h`` seconds: (STATE_SIZE,) to (STATE_SIZE,). Above 5 m/s."""
-    x = state.copy()
-    start = np.empty(STATE_SIZE)
-    total = np.empty(DERIVATIVES)
-    dx = np.empty(DERIVATIVES)
-    wheels = np.empty((4, CONTACT))
-    direction = np.empty(4)
-    for _ in range(steps):
-        contact(vehicle, road, x, inputs.steer, wheels)
-        for i in range(4):
-            net = inputs.drive[i] - wheels[i, RADIUS] * wheels[i, FX]
-            direction[i] = brake_direction(x[WHEEL + i], net, inputs.brake[i])
-        start[:] = x
-        total[:] = 0.0
-        for stage in range(4):
-            derivative(vehicle, road, x, inputs, direction, wheels, dx)
-            weight = h / 3 if stage == 1 or stage == 2 else h / 6
-            reach = h if stage == 2 else h / 2
-            for j in range(DERIVATIVES):
-                total[j] += weight * dx[j]
-                x[j] = start[j] + (reach * dx[j] if stage < 3 else total[j])
-        for i in range(4):
-            if inputs.brake[i] > 0 and start[WHEEL + i] * x[WHEEL + i] < 0:
-                x[WHEEL + i] = 0.0
-    contact(vehicle, road, x, inputs.steer, wheels)
-    x[AX], x[AY], _ = specific_forces(vehicle, wheels)
-    return x
 
 
 @compiled

@@ -131,6 +131,8 @@ class Vehicle(NamedTuple):
     brake_cap_rear: float  # the same for a rear wheel [N m]
     front_tyre: Any  # one of TYRES, per tyre
     rear_tyre: Any
+    relaxation_x: float = 0.0  # length over which the longitudinal slip builds up; 0: steady tyres [m]
+    relaxation_y: float = 0.0  # the same of the lateral slip; both or none [m]
     # How this very car differs from its data sheet; nobody is told, and vehicle files do not say.
     steering_offset: float = 0.0  # road-wheel angle with the hand wheel straight, positive left [rad]
     radius_error: PerWheel = PerWheel()  # of each tyre's radius, relative: -0.02 is a worn or soft tyre [-]
@@ -201,6 +203,11 @@ def road(*segments: tuple[float, float], slope: float = 0.0, bank: float = 0.0) 
     return Road(start, friction, friction.copy(), slope * level, bank * level)
 
 
+def tilted(flat: Road, slope: float, bank: float) -> Road:
+    """The road with so much more slope and bank everywhere [rad]."""
+    return flat._replace(slope=flat.slope + slope, bank=flat.bank + bank)
+
+
 SHARES = ("front_transfer", "front_drive")
 MAY_BE_ZERO = ("height", "front_overhang", "rear_overhang", "trail")
 
@@ -214,6 +221,8 @@ def _complaint(name: str, value: Any, default: float | None) -> str:
         return "" if 0 <= value <= 1 else f"{name} = {value} must lie in [0, 1]"
     if field == "steering_offset" or part == "radius_error":
         return "" if -0.5 < value < 0.5 else f"{name} = {value} must lie within 0.5"
+    if field in ("relaxation_x", "relaxation_y"):  # below, a step of 1 ms is unstable at high speed
+        return "" if value == 0 or 0.05 <= value <= 2 else f"{name} = {value} must be 0 or lie in [0.05, 2]"
     if field in MAY_BE_ZERO or default == 0:
         return "" if value >= 0 else f"{name} = {value} must not be negative"
     if field in ("shape_x", "shape_y"):  # above 2 a sliding tyre would push the car on
@@ -240,6 +249,8 @@ def check_vehicle(vehicle: Vehicle) -> Vehicle:
         defaults |= {f"{part}.{k}": v for k, v in kind._field_defaults.items()}
     complaints = (_complaint(name, value, defaults.get(name)) for name, value in numbers.items())
     wrong = [complaint for complaint in complaints if complaint]
+    if not wrong and (vehicle.relaxation_x > 0) != (vehicle.relaxation_y > 0):
+        wrong.append("relaxation_x and relaxation_y must both be 0 (steady tyres) or neither")
     if wrong:
         raise ValueError("vehicle: " + "; ".join(wrong))
     # an int field would compile a second kernel

@@ -1,0 +1,71 @@
+"""How a study draws its cells: alike for everybody, within what is written, and told to nobody."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vse_gym.evaluation import Cell, Randomise
+from vse_gym.physics import parameters as p
+from vse_gym.sensors import stream
+
+RANDOM = Randomise(speed=1.0, steer=0.1, friction=0.03, mass=(1.0, 1.25), stiffness=(0.75, 1.0))
+CELL = Cell("short", "sine_with_dwell", settings={"speed_kmh": 80, "amplitude_deg": 120, "friction": 0.5})
+
+
+def test_a_cell_is_drawn_anew_for_each_seed_and_alike_for_everybody():
+    first, again, other = (CELL.scenario(RANDOM, seed) for seed in (0, 0, 1))
+    assert first == again
+    assert first.vehicle != other.vehicle and first.manoeuvre != other.manoeuvre
+    assert first.nominal == other.nominal  # what is told does not depend on the draw
+    assert first.nominal.vehicle != first.vehicle
+
+
+def test_draws_stay_within_what_is_written():
+    drawn = [CELL.scenario(RANDOM, seed) for seed in range(200)]
+    told = drawn[0].nominal.vehicle
+    mass = np.array([s.vehicle.mass for s in drawn]) / told.mass
+    stiffness = (
+        np.array([s.vehicle.front_tyre.cornering_stiffness for s in drawn]) / told.front_tyre.cornering_stiffness
+    )
+    steer = np.degrees([s.manoeuvre.amplitude for s in drawn])
+    assert mass.min() >= 1 and mass.max() <= 1.25 and np.ptp(mass) > 0.2
+    assert stiffness.min() >= 0.75 and stiffness.max() <= 1 and np.ptp(stiffness) > 0.2
+    assert np.abs(steer).min() >= 108 - 1e-9 and np.abs(steer).max() <= 132 + 1e-9
+    assert 60 < np.sum(steer > 0) < 140  # a fair coin: five standard deviations of 7
+
+
+CONDITIONS = replace(RANDOM, steering_offset=0.01, radius_error=0.02, slope=0.03, bank=0.04)
+
+
+def test_conditions_of_the_truth_are_drawn_within_what_is_written_and_told_to_nobody():
+    drawn = [CELL.scenario(CONDITIONS, seed) for seed in range(200)]
+    for values, most in (
+        ([s.vehicle.steering_offset for s in drawn], 0.01),
+        ([s.manoeuvre.slope for s in drawn], 0.03),
+        ([s.manoeuvre.bank for s in drawn], 0.04),
+        *(([s.vehicle.radius_error[i] for s in drawn], 0.02) for i in range(4)),
+    ):
+        assert 0.95 * most < np.max(values) <= most and -most <= np.min(values) < -0.95 * most
+    wheels = np.array([s.vehicle.radius_error for s in drawn])
+    correlation = np.corrcoef(wheels.T) - np.eye(4)
+    assert np.abs(correlation).max() < 0.35  # each wheel by itself: five standard deviations of 0.07
+    for s in drawn:
+        told = s.nominal.vehicle
+        assert told.steering_offset == 0 and told.radius_error == p.PerWheel()
+        road = s.road
+        assert road.slope.tolist() == [s.manoeuvre.slope] and road.bank.tolist() == [s.manoeuvre.bank]
+
+
+def test_conditions_leave_what_was_drawn_without_them_as_it_was():
+    for seed in range(20):
+        drawn = CELL.scenario(CONDITIONS, seed)
+        draw = stream(seed, "cell/short")
+        speed, steer, friction = draw.uniform(-1.0, 1.0), draw.uniform(-0.1, 0.1), draw.uniform(-0.03, 0.03)
+        mass, stiffness, side = draw.uniform(1.0, 1.25), draw.uniform(0.75, 1.0), draw.choice([-1.0, 1.0])
+        assert drawn.manoeuvre.speed == 80 / 3.6 + speed
+        assert drawn.manoeuvre.friction == 0.5 + friction
+        assert drawn.manoeuvre.amplitude == pytest.approx(np.radians(120) * side * (1 + steer), rel=1e-12)
+        assert drawn.vehicle.mass == drawn.nominal.vehicle.mass * mass
+        told = drawn.nominal.vehicle.rear_tyre.cornering_stiffness
+        assert drawn.vehicle.rear_tyre.cornering_stiffness == told * stiffness
