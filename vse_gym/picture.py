@@ -61,8 +61,10 @@ def draw(log: Log, scenario: Scenario, title: str, path: str | Path) -> None:
     _readings(grid["gyro"], t, deg * log.readings[:, 2], deg * log.truth[:, p.YAW_RATE], "gyro [deg/s]")
     for name, axes in grid.items():
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=8, loc="upper right")
-        if name != "path":
+        if name == "path":  # beside the title, out of the way
+            axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=7, frameon=False, borderaxespad=0.1)
+        else:
+            axes.legend(fontsize=8, loc="upper right")
             axes.set_xlim(0, scenario.manoeuvre.duration)
             axes.set_xlabel("time [s]", fontsize=8)
     figure.savefig(path, dpi=110)

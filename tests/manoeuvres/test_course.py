@@ -1,6 +1,7 @@
 """Cones and gates against plane geometry, brute force and symmetry."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -29,8 +30,8 @@ def cones(*points, radius=CONE):
 
 
 def test_the_outline_is_the_body_over_its_overhangs():
-    assert NOSE - TAIL == pytest.approx(CAR.wheelbase + CAR.front_overhang + CAR.rear_overhang)
-    assert NOSE == CAR.lf + CAR.front_overhang and 2 * SIDE == CAR.width
+    assert pytest.approx(CAR.wheelbase + CAR.front_overhang + CAR.rear_overhang) == NOSE - TAIL
+    assert CAR.lf + CAR.front_overhang == NOSE and CAR.width == 2 * SIDE
 
 
 @pytest.mark.parametrize(
@@ -81,7 +82,7 @@ def test_clearances_are_what_brute_force_finds(points, poses):
     # A thousand looks between two instants, against the bound's choice of where to look: the steps are at most 11 mm.
     truth = drive(*np.array(poses).T)
     pose = truth[:, [p.X, p.Y, p.YAW]]
-    fine = [pose[0]] + [a + s * (b - a) for a, b in zip(pose, pose[1:], strict=False) for s in np.linspace(0, 1, 1001)]
+    fine = [pose[0]] + [a + s * (b - a) for a, b in pairwise(pose) for s in np.linspace(0, 1, 1001)]
     brute = np.array([distance_to_body(CAR, np.array(fine), np.array(c)).min() for c in points]) - CONE
     # Distances change by no more than the outline moves between two looks, 10 mm at most in either.
     np.testing.assert_allclose(clearances(cones(*points), CAR, truth), brute, atol=0.011)
@@ -92,9 +93,7 @@ def test_a_mirrored_drive_past_mirrored_cones_keeps_its_distances(poses):
     course = course_of((Lane(10.0, 20.0, 0.5, 2.4), Lane(35.0, 50.0, -1.0, 3.0)), NO_LINE)
     flip = course._replace(cones=course.cones * [1, -1], gates=(course.gates * [1, -1])[:, ::-1])
     x, y, yaw = np.array(poses).T
-    np.testing.assert_array_equal(
-        clearances(course, CAR, drive(x, y, yaw)), clearances(flip, CAR, drive(x, -y, -yaw))
-    )
+    np.testing.assert_array_equal(clearances(course, CAR, drive(x, y, yaw)), clearances(flip, CAR, drive(x, -y, -yaw)))
     assert gates_missed(course, drive(x, y)) == gates_missed(flip, drive(x, -y))
 
 

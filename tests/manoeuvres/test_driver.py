@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import expm, solve_discrete_are
 
-from vse_gym.manoeuvres.driver import DRIVER, FASTEST, SLOWEST, Skill, Steering, _stepped, pedals, practised
+from vse_gym.manoeuvres.driver import DRIVER, FASTEST, SLOWEST, Skill, Steering, pedals, practised, riccati, stepped
 from vse_gym.manoeuvres.path import STRAIGHT, Circle, Line
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
@@ -25,20 +26,74 @@ def told(vehicle, speed=20.0, dt=DT):
     return Nominal(vehicle, QUIET, speed, dt=dt)
 
 
+def skill_of(driver, dt=DT):
+    reach = driver.preview * (1 + np.arange(driver.points)) / driver.points
+    return Skill(tuple(reach.tolist()), driver.calm, driver.heading, driver.lag, round(driver.delay / dt), dt)
+
+
+def delayed(vehicle, skill, speed):
+    """The linear car with the driver's arms and the angles on their way: F (5 + waiting, 5 + waiting) and b."""
+    ((prompt,), _), waiting = stepped(vehicle, skill, np.array([speed])), skill.delay + 1
+    f, b = np.zeros((5 + waiting, 5 + waiting)), np.zeros(5 + waiting)
+    f[:5, :6] = prompt[:5]
+    f[5:-1, 6:] = np.eye(waiting - 1)
+    f[-1, -1] = b[-1] = 1.0
+    return f, b
+
+
 def looped(vehicle, speed, more_delay=0):
     """The linear car and the driver in one matrix, his delay some steps longer than he knows."""
-    hands = DRIVER.init(told(vehicle))
-    reach = hands.reach
-    skill = Skill(tuple(reach.tolist()), DRIVER.calm, DRIVER.heading, DRIVER.lag, round(DRIVER.delay / DT), DT)
+    skill = skill_of(DRIVER)
+    reach = np.array(skill.reach)
     gain = practised(vehicle, skill)[speed - SLOWEST]
     ahead, rest = gain[: reach.size], gain[reach.size :]
-    longer, _ = _stepped(vehicle, skill._replace(delay=skill.delay + more_delay), float(speed))
-    f = longer.copy()
+    f, _ = delayed(vehicle, skill._replace(delay=skill.delay + more_delay), float(speed))
     f[-1] = 0.0
     f[-1, :2] = -ahead.sum(), -(ahead * reach).sum() * speed  # offset and heading, as the line ahead shows them
     f[-1, 2:5] = rest[:3]
     f[-1, 5 + more_delay :] = rest[3:]
     return f
+
+
+@every_car
+@pytest.mark.parametrize("speed", [3.0, 15.0, 27.0, 60.0])
+def test_the_car_in_steps_is_the_single_track_s_exponential(car, speed):
+    vehicle, skill = load(car), skill_of(DRIVER)
+    cf, cr = 2 * vehicle.front_tyre.cornering_stiffness, 2 * vehicle.rear_tyre.cornering_stiffness
+    # From forces: Fyf = cf (steer - (vy + lf r)/v), Fyr = -cr (vy - lr r)/v, column by column.
+    a = np.zeros((6, 6))
+    for k, (vy, r, steer) in enumerate(np.eye(3)):
+        fyf, fyr = cf * (steer - (vy + vehicle.lf * r) / speed), -cr * (vy - vehicle.lr * r) / speed
+        a[2, 2 + k] = (fyf + fyr) / vehicle.mass - speed * r
+        a[3, 2 + k] = (vehicle.lf * fyf - vehicle.lr * fyr) / vehicle.yaw_inertia
+    a[0, 1], a[0, 2], a[1, 3] = speed, 1.0, 1.0
+    a[4, 4:] = np.array([-1.0, 1.0]) / skill.lag
+    (f,), _ = stepped(vehicle, skill, np.array([speed]))
+    np.testing.assert_allclose(f, expm(a * DT), rtol=1e-10, atol=1e-12)
+
+
+@every_car
+def test_the_gains_are_those_of_scipy_s_regulator_that_knows_every_angle_on_its_way(car):
+    # With the delay as states of their own, the textbook's regulator; the driver solves without them and looks ahead.
+    vehicle, skill, speed = load(car), skill_of(DRIVER), 22.0
+    f, b = delayed(vehicle, skill, speed)
+    prices = np.diag([1.0, (skill.heading * speed) ** 2, *np.zeros(b.size - 2)])
+    price = (skill.calm / DT) ** 2
+    cost = solve_discrete_are(f, b[:, None], prices, np.array([[price]]))
+    gain = b @ cost @ f / (price + b @ cost @ b)
+    gain[-1] -= 1
+    mine = practised(vehicle, skill)[int(speed) - SLOWEST][len(skill.reach) :]
+    np.testing.assert_allclose(mine, -gain[2:], rtol=1e-6, atol=1e-8)  # the equation's own condition
+
+
+def test_the_doubling_solves_the_riccati_equation():
+    vehicle, skill = load("qin2014"), skill_of(DRIVER)
+    speeds = np.array([3.0, 20.0, 60.0])
+    f, b = stepped(vehicle, skill, speeds)
+    prices = np.array([[1.0, 0.5, 0.0, 0.0, 0.0, 0.0]] * 3)
+    for a, p_, q in zip(f, riccati(f, b, prices, 9.0), prices, strict=True):
+        next_ = np.diag(q) + a.T @ p_ @ a - np.outer(a.T @ p_ @ b, b @ p_ @ a) / (9.0 + b @ p_ @ b)
+        np.testing.assert_allclose(next_, p_, rtol=1e-7, atol=1e-7 * np.abs(p_).max())
 
 
 @every_car
@@ -69,11 +124,8 @@ def run(vehicle, path, speed, seconds, offset=0.0, yaw=0.0, driver=DRIVER):
 @pytest.mark.parametrize("kmh", [20, 50, 80, 95, 120])
 def test_a_car_beside_its_lane_is_brought_back_and_stays(car, kmh):
     vehicle = load(car)
-    if kmh * KMH >= vehicle.critical_speed:
-        return_to = 0.95 * vehicle.critical_speed
-    else:
-        return_to = kmh * KMH
-    states, _ = run(vehicle, STRAIGHT, return_to, 10.0, offset=0.5)
+    speed = min(kmh * KMH, 0.95 * vehicle.critical_speed)
+    states, _ = run(vehicle, STRAIGHT, speed, 10.0, offset=0.5)
     # The slowest pole of all cars and speeds is 0.995 a step: of 0.5 m, 3 mm would be left after 10 s.
     assert np.abs(states[-100:, p.Y]).max() < 0.02
     assert np.abs(states[:, p.Y]).max() < 0.6
