@@ -45,7 +45,10 @@ class DoubleTrack(NamedTuple):
 
 @dataclass(frozen=True)
 class DoubleTrackTuning:
-    """How far a filter trusts the double track; the fields are those of :class:`SingleTrackTuning`."""
+    """How far a filter trusts the double track: fields and defaults are those of :class:`SingleTrackTuning`.
+
+    So what differs between the two models' rows is the model alone; the defaults were searched for the single track.
+    """
 
     vx_noise: float = 1.2  # process noise density [m/s per sqrt(s)]
     vy_noise: float = 0.8  # [m/s per sqrt(s)]
