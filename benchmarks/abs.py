@@ -61,7 +61,7 @@ class Stop(Manoeuvre):
             seen = seen[1:]
         return Driver(hand_wheel, brake=PANIC * (time >= FOOT - 1e-9)), (nominal, seen, hand_wheel)
 
-    def off_course(self, car: Car) -> bool:
+    def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
         return math.hypot(car.vx, car.vy) < 0.5
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:

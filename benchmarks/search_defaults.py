@@ -18,7 +18,7 @@ import polars as pl
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.evaluation import Study, evaluate
 
-FILTERS = ("ekf", "pf", "pf_cauchy_gaussian")
+FILTERS = ("ekf", "ekf_double_track", "pf", "pf_cauchy_gaussian")
 RANGES = {  # the same for all, searched on a logarithmic scale
     "vx_noise": (0.1, 3.0),
     "vy_noise": (0.1, 5.0),

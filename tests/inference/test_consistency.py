@@ -6,17 +6,23 @@ from scipy.stats import binom, chi2
 
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.gaussian import GaussianFilter
-from vse_gym.inference.model import advance, attend, observe
-from vse_gym.models import Nominal, SingleTrackTuning
-from vse_gym.sensors import LOUD
-from vse_gym.types import U_STEER, Reading
+from vse_gym.inference.linear import matrices
+from vse_gym.inference.model import advance, attend, heed, observe
+from vse_gym.models import DoubleTrackTuning, LinearBicycleTuning, Nominal, SingleTrackTuning
+from vse_gym.sensors import FITTED, LOUD
+from vse_gym.types import U_STEER, Y_WHEEL, Reading
 from vse_gym.vehicles import load
 
 DRIVES, STEPS, STATES = 50, 100, 3
 INSTANTS = [0, 24, 49, 74, 99]  # far enough apart for errors to be nearly independent
 SURE = 0.9995  # quantile at either end: with five instants, one honest filter in two hundred would be accused
-TUNING = SingleTrackTuning(vx_noise=0.5, vy_noise=0.6, yaw_noise=0.5, ax_error=0.3, ay_error=0.6)
-GAUSSIAN = [name for name in ESTIMATORS if issubclass(ESTIMATORS[name], GaussianFilter)]
+TRUST = {"vx_noise": 0.5, "vy_noise": 0.6, "yaw_noise": 0.5, "ax_error": 0.3, "ay_error": 0.6}
+TUNINGS = {"single": SingleTrackTuning(**TRUST), "double": DoubleTrackTuning(**TRUST)}
+FILTERS = [
+    (name, "double" if "double" in name else "single", {})
+    for name in ESTIMATORS
+    if issubclass(ESTIMATORS[name], GaussianFilter)
+] + [("enkf", "single", {"size": 2000})]
 
 
 @pytest.fixture(scope="module")
@@ -24,24 +30,34 @@ def nominal():
     return Nominal(load("qin2014_understeer"), LOUD, speed=20.0)
 
 
+def steered(k):
+    u = np.zeros(9)
+    u[U_STEER] = 0.03 * np.sin(np.pi * k * 0.01)
+    return u
+
+
 @pytest.fixture(scope="module")
 def drives(nominal):
-    """States (DRIVES, STEPS, STATES) and readings, one list per drive, drawn from the model that the filters have.
+    """For each model states (DRIVES, STEPS, STATES) and readings, one list per drive, drawn from that very model.
 
     The variance of a wheel's reading hangs on the speed; of the true instead of the read one, 0.5 % of noise apart.
     """
-    model = TUNING.build(nominal)
+    return {name: drawn(tuning.build(nominal)) for name, tuning in TUNINGS.items()}
+
+
+def drawn(model):
     root = np.linalg.cholesky(model.process_cov)
     states, readings = np.empty((DRIVES, STEPS, STATES)), []
     for drive in range(DRIVES):
         rng = np.random.default_rng(drive)
         x, memory, heard = rng.multivariate_normal(model.prior_mean, model.prior_cov), model.memory, []
         for k in range(STEPS):
-            u = np.zeros(9)
-            u[U_STEER] = 0.03 * np.sin(np.pi * k * model.dt)
-            x = advance(model, x[:, None].copy(), u)[:, 0] + root @ rng.standard_normal(STATES)
-            clean = observe(model, x[:, None].copy(), u)[:, 0]
-            variances, memory = attend(model, memory, u, clean)
+            u, silent = steered(k), np.full(10, np.nan)
+            taken = heed(model, u, silent)  # without brakes, what is read makes no difference to it
+            x = advance(model, x[:, None].copy(), taken)[:, 0] + root @ rng.standard_normal(STATES)
+            clean = observe(model, x[:, None].copy(), taken)[:, 0]
+            clean[FITTED:] = np.nan
+            variances, memory = attend(model, memory, taken, clean)
             heard.append(Reading(k * model.dt, u, rng.normal(clean, np.sqrt(variances))))
             states[drive, k] = x
         readings.append(heard)
@@ -66,9 +82,10 @@ def follow(estimator, nominal, drives):
     return nees, nis, dof
 
 
-@pytest.fixture(scope="module", params=GAUSSIAN)
+@pytest.fixture(scope="module", params=FILTERS, ids=[name for name, _, _ in FILTERS])
 def followed(request, nominal, drives):
-    return follow(ESTIMATORS.make(request.param, model=TUNING), nominal, drives)
+    name, model, settings = request.param
+    return follow(ESTIMATORS.make(name, model=TUNINGS[model], **settings), nominal, drives[model])
 
 
 def test_errors_fit_their_covariance(followed):
@@ -86,12 +103,39 @@ def test_innovations_fit_their_covariance(followed):
     assert lower < nis.sum() < upper, nis.sum() / dof.sum()
 
 
+def test_the_kalman_filter_is_as_wrong_as_it_says_on_its_linear_bicycle(nominal):
+    estimator = ESTIMATORS.make("kf", model=LinearBicycleTuning(vy_noise=0.6, yaw_noise=0.5, ay_error=0.6))
+    model = estimator.model.build(nominal)
+    root, rows = np.linalg.cholesky(model.process_cov), np.isfinite(model.variances)
+    nees, total, count = np.zeros(STEPS), 0.0, 0.0
+    for drive in range(DRIVES):
+        rng = np.random.default_rng(drive)
+        x, state = rng.multivariate_normal(model.prior_mean, model.prior_cov), estimator.init(nominal, rng)
+        y = np.full(10, np.nan)
+        y[Y_WHEEL : Y_WHEEL + 4] = nominal.speed / model.car.wheel_radius  # what schedules it is read without noise
+        for k in range(STEPS):
+            F, g, H, d = matrices(model, model.memory, steered(k))
+            x = F @ x + g + root @ rng.standard_normal(2)
+            y[rows] = rng.normal(H[rows] @ x + d[rows], np.sqrt(model.variances[rows]))
+            # The mean of the wheels is the speed whatever the yaw rate, but for the steered front wheels' turn.
+            state = estimator.update(state, Reading(0.01 * k, steered(k), y.copy()), rng)
+            error = x - state.mean
+            nees[k] += error @ np.linalg.solve(state.cov, error)
+            nis, dof = estimator.innovation(state)
+            total, count = total + nis, count + dof
+    lower, upper = chi2.ppf([1 - SURE, SURE], DRIVES * 2)
+    assert np.all((lower < nees[INSTANTS]) & (nees[INSTANTS] < upper))
+    lower, upper = chi2.ppf([1 - SURE, SURE], count)
+    assert count == 2 * DRIVES * STEPS
+    assert lower < total < upper, total / count
+
+
 def test_errors_of_the_particle_filter_fit_their_covariance(nominal, drives):
     # Now and then a few particles carry all the weight, and the covariance of those few says nothing; their NEES has
     # no mean. So counts instead of sums: how many drives lie beyond the chi-square's median and beyond its 95 % line.
     # With an effective size of some hundred, Hotelling's statistic is 5 % larger than the chi-square; that and the few
     # that collapse are granted twice the 5 % beyond the line, and 60 % beyond the median.
-    nees, _, _ = follow(ESTIMATORS.make("pf", model=TUNING, size=5000), nominal, drives)
+    nees, _, _ = follow(ESTIMATORS.make("pf", model=TUNINGS["single"], size=5000), nominal, drives["single"])
     beyond_median = (nees[:, INSTANTS] > chi2.ppf(0.5, STATES)).sum(axis=0)
     beyond_line = (nees[:, INSTANTS] > chi2.ppf(0.95, STATES)).sum(axis=0)
     assert np.all(beyond_median >= binom.ppf(1 - SURE, DRIVES, 0.5)), beyond_median

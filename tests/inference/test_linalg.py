@@ -7,7 +7,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.linalg import solve_triangular
 
-from vse_gym.inference.linalg import cholesky, forward_solve, joseph_scalar, symmetrise
+from vse_gym.inference.linalg import (
+    backward_solve,
+    cholesky,
+    forward_solve,
+    joseph_scalar,
+    rank_one,
+    symmetrise,
+    triangularise,
+)
 
 EPS = np.finfo(float).eps
 SIZES = st.integers(1, 6)
@@ -167,3 +175,43 @@ def test_a_hundred_thousand_updates_with_tiny_noise_leave_a_covariance(direction
     # What was never measured keeps its size, so that rounding is relative to the largest variance.
     assert np.linalg.eigvalsh(cov).min() >= -4 * EPS * cov.diagonal().max()
     assert cov.diagonal().min() > 0
+
+
+# -- square roots -----------------------------------------------------------------------------------------------------
+
+
+@given(definite(), st.data())
+def test_backward_solve_solves(matrix, data):
+    factor, _ = factored(matrix)
+    b = data.draw(arrays(float, len(matrix), elements=st.floats(-3.0, 3.0)))
+    x = b.copy()
+    backward_solve(factor, x)
+    np.testing.assert_allclose(x, solve_triangular(factor.T, b), rtol=1e-9, atol=1e-12)
+
+
+@given(SIZES.flatmap(lambda n: st.integers(n, n + 4).flatmap(lambda k: matrices(n, k))))
+def test_triangularise_makes_a_factor_of_the_same_square(a):
+    factor = triangularise(a.copy())
+    assert np.all(np.triu(factor, 1) == 0)
+    assert np.all(np.diag(factor) >= 0)
+    # Householder's reflections are stable: the error is one of rounding in the entries that were there.
+    np.testing.assert_allclose(factor @ factor.T, a @ a.T, atol=1e-13 * max(1.0, np.abs(a).max() ** 2))
+
+
+@given(definite(), st.data(), st.sampled_from([1.0, -1.0]))
+def test_a_rank_one_change_is_that_of_the_square(matrix, data, sign):
+    direction = data.draw(arrays(float, len(matrix), elements=st.floats(-3.0, 3.0)))
+    factor, _ = factored(matrix)
+    # A downdate by less than all of it: x^T A^-1 x stays below one half.
+    x = direction / np.sqrt(1 + 2 * direction @ np.linalg.solve(matrix, direction))
+    assert rank_one(factor, x.copy(), sign)
+    assert np.all(np.triu(factor, 1) == 0)
+    np.testing.assert_allclose(factor @ factor.T, matrix + sign * np.outer(x, x), rtol=0, atol=1e-11)
+
+
+@given(definite(), st.data())
+def test_a_downdate_that_leaves_nothing_says_so(matrix, data):
+    direction = data.draw(arrays(float, len(matrix), elements=st.floats(0.1, 3.0)))
+    factor, _ = factored(matrix)
+    x = 1.01 * direction / np.sqrt(direction @ np.linalg.solve(matrix, direction))
+    assert not rank_one(factor, x, -1.0)

@@ -50,7 +50,7 @@ class Stop(Manoeuvre):
         brake = self.torque * np.array([1.0, 1.0, 0.5, 0.5])
         return Driver(self.hand_wheel + seen[0], brake=brake), (ratio, (*seen[1:], max(-6.0, min(6.0, wish))))
 
-    def off_course(self, car):
+    def off_course(self, car, vehicle):
         return math.hypot(car.vx, car.vy) < 1.0
 
     def verdict(self, log, nominal):

@@ -14,7 +14,6 @@ from vse_gym.models.single_track import (
     SLOWEST,
     SingleTrackTuning,
     attend_wheels,
-    ease_brakes,
     read_extras,
     read_motion,
 )
@@ -23,7 +22,9 @@ from vse_gym.physics.parameters import GRAVITY, Vehicle
 from vse_gym.physics.tyres import tyre_force
 from vse_gym.types import U_BRAKE, U_DRIVE, U_STEER, Y_AX, Y_AY, Y_WHEEL, Array
 
-U_WHEEL = 9  # where ``heed`` puts the wheel speeds behind the inputs of a reading
+# What ``heed`` puts behind the inputs of a reading: wheel speeds, NaN where a wheel is free or not heard [rad/s], and
+# the force that brakes may make in all, by the accelerometer [N]
+U_WHEEL, U_FELT = 9, 13
 
 
 class DoubleTrack(NamedTuple):
@@ -51,7 +52,10 @@ class DoubleTrack(NamedTuple):
 
 @dataclass(frozen=True)
 class DoubleTrackTuning:
-    """How far a filter trusts the double track; the fields are those of :class:`SingleTrackTuning`."""
+    """How far a filter trusts the double track: fields and defaults are those of :class:`SingleTrackTuning`.
+
+    So what differs between the two models' rows is the model alone; the defaults were searched for the single track.
+    """
 
     vx_noise: float = 1.2  # process noise density [m/s per sqrt(s)]
     vy_noise: float = 0.8  # [m/s per sqrt(s)]
@@ -108,7 +112,7 @@ def _wheels(model, u):
     total = 0.0
     for i in range(4):
         total += (u[U_DRIVE + i] - u[U_BRAKE + i]) / car.wheel_radius
-    ax = max(-weight, min(weight, total)) / car.mass
+    ax = max(-weight, u[U_FELT], min(weight, total)) / car.mass
     cos_steer, sin_steer = math.cos(u[U_STEER]), math.sin(u[U_STEER])
     for i in range(4):
         table[i, X], table[i, Y] = wheel_position(car, i)
@@ -125,15 +129,16 @@ def _wheels(model, u):
 
 
 @compiled
-def _forces(model, table, vx, vy, yaw_rate):
+def _forces(model, table, felt, vx, vy, yaw_rate):
     """Specific forces ax, ay [m/s2] and yaw acceleration [rad/s2] of the double track."""
     car = model.vehicle
     limit = model.friction * GRAVITY
     across = max(-limit, min(limit, vx * yaw_rate))  # the body leans with the turn: its lag is about the tyres' own
-    along_total, across_total, moment = 0.0, 0.0, 0.0
+    along, along_x, along_y, along_turn = 0.0, 0.0, 0.0, 0.0  # of forces along the wheels
+    side_x, side_y, side_turn = 0.0, 0.0, 0.0  # of forces across them
     for i in range(4):
-        c, s = table[i, COS], table[i, SIN]
-        ux, uy = vx - yaw_rate * table[i, Y], vy + yaw_rate * table[i, X]
+        c, s, px, py = table[i, COS], table[i, SIN], table[i, X], table[i, Y]
+        ux, uy = vx - yaw_rate * py, vy + yaw_rate * px
         v = ux * c + uy * s
         per_speed = 1 / max(abs(v), model.slowest)
         tan_alpha = (ux * s - uy * c) * per_speed
@@ -143,11 +148,16 @@ def _forces(model, table, vx, vy, yaw_rate):
             fx, fy, mz, _ = tyre_force(car.front_tyre, kappa, tan_alpha, load, model.friction)
         else:
             fx, fy, mz, _ = tyre_force(car.rear_tyre, kappa, tan_alpha, load, model.friction)
-        gx, gy = fx * c - fy * s, fx * s + fy * c
-        along_total += gx
-        across_total += gy
-        moment += table[i, X] * gy - table[i, Y] * gx + mz
-    return along_total / car.mass, across_total / car.mass, moment / car.yaw_inertia
+        along += fx
+        along_x += fx * c
+        along_y += fx * s
+        along_turn += fx * (px * s - py * c)
+        side_x -= fy * s
+        side_y += fy * c
+        side_turn += fy * (px * c + py * s) + mz
+    share = felt / along if along < felt else 1.0  # slip on a road of less friction than told: no more than is felt
+    ax, ay = (share * along_x + side_x) / car.mass, (share * along_y + side_y) / car.mass
+    return ax, ay, (share * along_turn + side_turn) / car.yaw_inertia
 
 
 @advance.register(DoubleTrack)
@@ -160,7 +170,7 @@ def _(model, states, u):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
         x, y, q = vx, vy, r
         for stage in range(2):
-            ax, ay, dr = _forces(model, table, x, y, q)
+            ax, ay, dr = _forces(model, table, u[U_FELT], x, y, q)
             dvx, dvy = ax + y * q, ay - x * q
             if stage == 0:
                 out[0, j], out[1, j], out[2, j] = dvx, dvy, dr
@@ -179,7 +189,7 @@ def _(model, states, u):
     out = np.empty((10, states.shape[1]))
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
-        out[Y_AX, j], out[Y_AY, j], _ = _forces(model, table, vx, vy, r)
+        out[Y_AX, j], out[Y_AY, j], _ = _forces(model, table, u[U_FELT], vx, vy, r)
         read_motion(model.vehicle, table[0, COS], table[0, SIN], vx, vy, r, out, j)
     read_extras(model.variances, states, out)
     return out
@@ -189,17 +199,15 @@ def _(model, states, u):
 @compiled
 def _(model, u, y):
     # A wheel under torque is known by its slip. Of a free one, and of one whose sensor is silent, the torque says
-    # more than the small difference of two large speeds would. And while the driver brakes, three wheels or more, none
-    # tells for long the speed that a slip would be taken against: then the torques, held to what is felt, say more.
-    out = np.empty(U_WHEEL + 4)
-    eased, braking = ease_brakes(model, model.vehicle.mass, u, y), 0
-    for i in range(4):
-        braking += 1 if u[U_BRAKE + i] > BRAKING else 0
+    # more than the small difference of two large speeds would.
+    out = np.empty(U_FELT + 1)
     for i in range(U_WHEEL):
-        out[i] = eased[i]
+        out[i] = u[i]
     for i in range(4):
         free = u[U_BRAKE + i] <= BRAKING and abs(u[U_DRIVE + i]) <= BRAKING
-        out[U_WHEEL + i] = np.nan if free or braking > 2 else y[Y_WHEEL + i]
+        out[U_WHEEL + i] = np.nan if free else y[Y_WHEEL + i]
+    felt = -math.inf if math.isnan(y[Y_AX]) else min(0.0, y[Y_AX] - model.brake_margin)
+    out[U_FELT] = model.vehicle.mass * felt
     return out
 
 
@@ -209,5 +217,5 @@ attend.register(DoubleTrack)(attend_wheels)
 @report.register(DoubleTrack)
 @compiled
 def _(model, state, u):
-    ax, ay, _ = _forces(model, _wheels(model, u), state[0], state[1], state[2])
+    ax, ay, _ = _forces(model, _wheels(model, u), u[U_FELT], state[0], state[1], state[2])
     return np.array([state[0], state[1], state[2], ax, ay])

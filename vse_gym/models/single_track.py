@@ -256,28 +256,22 @@ def _(model, states, u):
     return out
 
 
+@heed.register(SingleTrack)
 @compiled
-def ease_brakes(model, mass, u, y):
-    """The inputs with brake torques that make no more force than the accelerometer feels."""
+def _(model, u, y):
     # A torque says how hard a wheel is braked, not how hard the road lets it: where the wheels are near locking, force
     # from torque is wrong by several times, and the speed with it. What the accelerometer misses is taken off.
     total, braking = 0.0, 0.0
     for i in range(4):
         total += (u[U_DRIVE + i] - u[U_BRAKE + i]) / model.wheel_radius
         braking = max(braking, u[U_BRAKE + i])
-    felt = mass * (y[Y_AX] - model.brake_margin)
+    felt = model.mass * (y[Y_AX] - model.brake_margin)
     if braking <= BRAKING or total >= 0.0 or not felt > total:
         return u
     out = u.copy()
     for i in range(4):
         out[U_BRAKE + i] *= max(0.0, felt / total)
     return out
-
-
-@heed.register(SingleTrack)
-@compiled
-def _(model, u, y):
-    return ease_brakes(model, model.mass, u, y)
 
 
 @attend.register(SingleTrack)
