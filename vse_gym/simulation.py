@@ -12,6 +12,7 @@ from vse_gym.controllers.allocation import as_torques
 from vse_gym.controllers.base import Controller
 from vse_gym.estimators.base import Estimator
 from vse_gym.listener import EstimatorError, Listener
+from vse_gym.logbook import LogBook
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
 from vse_gym.multibody import MultiBody
@@ -22,7 +23,7 @@ from vse_gym.physics.reference import advance_reference
 from vse_gym.registry import UnknownNameError
 from vse_gym.sensing import NoiseRecord, read_sensors, unread_sensors
 from vse_gym.sensors import Sensors, stream, suite
-from vse_gym.types import CHANNELS, NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Car, Estimate, Log, Reading
+from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Car, Estimate, Log, Reading
 from vse_gym.vehicles import load
 
 SPIN = math.radians(80)  # sideslip beyond which a drive is over
@@ -305,7 +306,7 @@ def rollout(scenario: Scenario, estimator: str | Estimator, controller: str | Co
         seed: Of the noise.
     """
     simulation, law = Simulation(scenario, estimator), CONTROLLERS.make(controller)
-    book = _Book(scenario.steps + 1)
+    book = LogBook(scenario.steps + 1)
     ended = ""
     filled: tuple[str, ...] = ()
     state = law.init(scenario.nominal)
@@ -314,57 +315,14 @@ def rollout(scenario: Scenario, estimator: str | Estimator, controller: str | Co
         while True:
             asked, state = law.act(state, frame.estimate, frame.reading)
             demand = BrakeDemand(*as_torques(asked.added, asked.release))
-            book.write(simulation, frame, demand)
-            filled = simulation.listener.filled
+            listener = simulation.listener
+            control = (simulation.time, simulation.hand_wheel, simulation.steer, simulation.friction)
+            scalars = (*control, listener.nis, listener.seconds)
+            book.write(frame.truth, frame.reading, frame.estimate, frame.brake, demand, scalars)
+            filled = listener.filled
             if simulation.done:
                 break
             frame = simulation.step(demand)
     except EstimatorError as error:  # a broken estimator is a row with its reason, not the end of a benchmark
         ended = str(error)
     return book.close(ended or simulation.ended, filled, scenario.vehicle)
-
-
-class _Book:
-    """Arrays for a drive's log, filled row by row."""
-
-    def __init__(self, rows: int):
-        self.rows = 0
-        self.truth = np.empty((rows, p.STATE_SIZE))
-        self.inputs, self.readings = np.empty((rows, 9)), np.empty((rows, len(CHANNELS)))
-        self.estimate, self.cov = np.empty((rows, 5)), np.empty((rows, 3, 3))
-        self.brake, self.added, self.release = np.empty((rows, 4)), np.empty((rows, 4)), np.empty((rows, 4))
-        self.scalars = np.empty((rows, 6))  # time, hand wheel, steer, friction, NIS, seconds
-
-    def write(self, simulation: Simulation, frame: Frame, demand: BrakeDemand) -> None:
-        k = self.rows
-        self.truth[k] = simulation.state
-        self.inputs[k], self.readings[k] = frame.reading.inputs, frame.reading.y
-        self.estimate[k], self.cov[k] = frame.estimate[:5], frame.estimate.cov
-        self.brake[k], self.added[k], self.release[k] = frame.brake, demand.added, demand.release
-        listener = simulation.listener
-        control = simulation.time, simulation.hand_wheel, simulation.steer, simulation.friction
-        self.scalars[k] = (*control, listener.nis, listener.seconds)
-        self.rows += 1
-
-    def close(self, ended: str, filled: tuple[str, ...], vehicle: p.Vehicle) -> Log:
-        n = self.rows
-        time, hand_wheel, steer, friction, nis, seconds = self.scalars[:n].T
-        return Log(
-            time,
-            self.truth[:n],
-            hand_wheel,
-            steer,
-            self.inputs[:n],
-            self.readings[:n],
-            self.estimate[:n],
-            self.cov[:n],
-            self.brake[:n],
-            self.added[:n],
-            self.release[:n],
-            friction,
-            ended,
-            filled,
-            nis,
-            seconds,
-            vehicle,
-        )
