@@ -37,18 +37,28 @@ def test_the_split_begins_before_the_brakes_and_lies_on_its_side(side):
 @every_car
 @EITHER_WAY
 def test_the_driver_keeps_his_lane_on_split_friction(car, side):
-    figures, passed, log = drive(SplitFrictionBraking(side=side), car)
+    figures, passed, log = drive(SplitFrictionBraking(side=side), car, "esc")
     assert passed and log.ended == ""
-    # The slippery side gives at most 0.3 of half the weight, the other what is asked for: 3.0 + 0.15 g = 4.5 m/s2 at
-    # most, and 0.3 g at least.
+    # Both sides give at most (0.8 + 0.3)/2 g = 5.4 m/s2, and the slippery one alone 0.3 g on all wheels at least.
     speed = SplitFrictionBraking().speed
-    assert speed**2 / (2 * 4.5) < figures["stopping distance"] < speed**2 / (2 * 0.3 * p.GRAVITY)
+    assert speed**2 / (2 * 5.4) < figures["stopping distance"] < speed**2 / (2 * 0.3 * p.GRAVITY)
     assert np.sign(log.hand_wheel[170]) == side  # he steers to the slippery side, away from where the brakes pull
 
 
-def test_with_all_that_the_good_side_can_give_the_lane_is_lost():
-    hard, soft = (drive(SplitFrictionBraking(deceleration=a))[0] for a in (p.GRAVITY, 6.0))
-    assert hard["reach of the body from the lane's middle"] > 1.75 > soft["reach of the body from the lane's middle"]
+@every_car
+def test_control_costs_way_on_split_friction_and_keeps_the_car_nearer_to_its_line(car):
+    alone, controlled = (drive(SplitFrictionBraking(), car, law)[0] for law in ("none", "esc"))
+    reach, way = "reach of the body from the lane's middle", "stopping distance"
+    assert controlled[reach] < alone[reach]
+    assert controlled[way] > alone[way]
+
+
+def test_the_harder_he_brakes_on_split_friction_the_further_he_strays():
+    reach = [
+        drive(SplitFrictionBraking(deceleration=a))[0]["reach of the body from the lane's middle"]
+        for a in (4.0, 6.0, 9.8)
+    ]
+    assert reach == sorted(reach)
 
 
 @pytest.mark.parametrize("deceleration", [2.0, 5.0])

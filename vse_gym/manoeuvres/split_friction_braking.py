@@ -23,9 +23,9 @@ STANDS = 0.5  # the car has stopped below this speed [m/s]
 class SplitFrictionBraking(Followed):
     """The driver brakes hard on a road that is slippery on one side, and keeps to his lane: ISO 14512.
 
-    Friction 0.8 and 0.3 and 80 km/h are chosen, within the usual condition of a ratio of at least two (k). He asks for
-    6 m/s2 (chosen), which is more than both sides together can give; the brake unit is the ABS, so that no wheel locks.
-    Asked for all that the good side can give, it turns cars off the lane: it builds up no slower there than it can.
+    Friction 0.8 and 0.3 and 80 km/h are chosen, within the usual condition of a ratio of at least two (k). He presses
+    for 1 g (chosen), more than either side can give; the brake unit is the ABS, so that no wheel locks, and lets the
+    good side's torque rise slowly, so that he has time to steer against it.
     What lies left and right moves with the car: the car's own left wheels are on the left friction, which is right as
     long as it keeps its lane, and that is judged.
 
@@ -38,7 +38,7 @@ class SplitFrictionBraking(Followed):
     side: float = 1.0  # that is slippery: 1 left, -1 right
     friction_low: float = 0.3  # of that side [-]
     begin: float = 1.0  # of braking, at the start speed [s]
-    deceleration: float = 6.0  # that the driver asks for [m/s2]
+    deceleration: float = p.GRAVITY  # that the driver asks for [m/s2]
 
     positive: ClassVar[tuple[str, ...]] = ("deceleration", "begin")
     not_negative: ClassVar[tuple[str, ...]] = ()
