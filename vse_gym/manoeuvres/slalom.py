@@ -50,7 +50,6 @@ class Slalom(Coned):
     """
 
     speed: float = 45 * KMH
-    duration: float = 10.0
     spacing: float = 18.0  # [m]
     cones: float = 4.0  # how many
     start: float = 30.0  # way to the first cone [m]
