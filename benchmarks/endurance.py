@@ -53,8 +53,12 @@ def endure(estimator: Estimator, nominal: Nominal, readings: Sequence[Reading], 
         reading = heard._replace(y=nothing) if k % EVERY < SILENCE else heard
         state = estimator.update(state, reading, rng)
         cov = estimator.estimate(state).cov
-        if np.isnan(cov).all() or not cov.any():
+        if k == 1 and (np.isnan(cov).all() or not cov.any()):
             return None
+        if np.isnan(cov).all():
+            return Endured(k, np.nan, np.nan, time.process_time() - begin, "not finite")
+        if not cov.any():
+            return Endured(k, 0.0, 0.0, time.process_time() - begin, "not positive definite")
         known = ~np.isnan(np.diag(cov))
         cov = cov[np.ix_(known, known)]
         if not np.isfinite(cov).all():

@@ -115,6 +115,8 @@ def run(
     from vse_gym.manoeuvres.base import si
     from vse_gym.simulation import rollout, scenario
 
+    if plot is not None and (plot.is_dir() or not plot.suffix):
+        raise refuse(ValueError(f"--plot needs a file with an ending, such as drive.png, not {str(plot)!r}"))
     given: dict[str, Any] = {"friction": friction, "speed_kmh": speed_kmh, "amplitude_deg": amplitude_deg}
     with sentences():
         settings = si({k: v for k, v in given.items() if v is not None})
@@ -123,7 +125,9 @@ def run(
     if not len(log.time):
         raise refuse(RuntimeError(f"the drive never began: {log.ended}"))
     verdict = drive.manoeuvre.judge(log, drive.nominal)
-    title = f"{manoeuvre}, {vehicle}, {controller} with {estimator}, {sensors} sensors, seed {seed}"
+    test = drive.manoeuvre
+    title = f"{manoeuvre} at {3.6 * test.speed:g} km/h on friction {test.friction:g}: {vehicle}, {controller} with "
+    title += f"{estimator}, {sensors} sensors, seed {seed}"
     table = Table("", "figure", "limit", title=escape(title), title_justify="left")
     for c in verdict.criteria:
         word = mark(c.passed) if c.judged else "for information"
@@ -138,6 +142,7 @@ def run(
         from vse_gym.picture import draw
 
         try:
+            plot.parent.mkdir(parents=True, exist_ok=True)
             draw(log, drive, title, plot)
         except ModuleNotFoundError:
             raise refuse(ModuleNotFoundError("drawing needs matplotlib: pip install 'vse-gym[report]'")) from None

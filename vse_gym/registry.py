@@ -1,6 +1,7 @@
 """Names for classes, which are imported when first asked for."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from importlib.metadata import entry_points
 from pkgutil import resolve_name
 from typing import Any, Generic, TypeVar
@@ -56,7 +57,12 @@ class Registry(Mapping[str, type[T]], Generic[T]):
             TypeError: If the class has no such setting, settings come with an instance, or it is of another kind.
         """
         if isinstance(thing, str):
-            return self[thing](**settings)
+            kind: Any = self[thing]
+            known = [f.name for f in fields(kind)] if is_dataclass(kind) else list(settings)
+            if wrong := sorted(settings.keys() - set(known)):
+                raise TypeError(f"{self.kind} {thing!r} has no setting {', '.join(wrong)}; it has {', '.join(known)}")
+            made: T = kind(**settings)
+            return made
         if isinstance(thing, type):
             raise TypeError(f"{thing.__name__} is a class: give an instance, {thing.__name__}(...), or a name")
         if self._base and not isinstance(thing, resolve_name(self._base)):

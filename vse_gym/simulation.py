@@ -1,7 +1,7 @@
 """The closed loop: driver, brake unit, vehicle, sensors, estimator, controller, wired once."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
 from vse_gym.multibody import MultiBody
 from vse_gym.physics import parameters as p
-from vse_gym.physics.brakes import BrakeUnit, brake_torques, released_brakes
+from vse_gym.physics.brakes import BrakeUnit, brake_torques, drive_torques, released_brakes
 from vse_gym.physics.double_track import advance, road_friction, rolling_start
 from vse_gym.physics.reference import advance_reference
 from vse_gym.registry import UnknownNameError
@@ -27,6 +27,7 @@ from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Car, Estimate
 from vse_gym.vehicles import load
 
 SPIN = math.radians(80)  # sideslip beyond which a drive is over
+FASTEST = 150.0  # an estimate of a higher speed ends a drive [m/s]
 SLOWEST_SPIN = 1.0  # below this speed the direction of travel means nothing [m/s]
 PLANTS = ("double_track", "commonroad_mb")
 
@@ -121,12 +122,13 @@ def next_row(constants, runge_kutta, substeps, h, memory, state, sensed, steer, 
     """
     unit, geometry, vehicle, road, record = constants.value
     memory = brake_torques(unit, geometry, memory, held[1], held[2], held[3], sensed[0], velocity, steer, substeps * h)
-    inputs = p.Inputs(steer + vehicle.steering_offset, held[0], memory[0])
+    drive = drive_torques(held[0], held[2])
+    inputs = p.Inputs(steer + vehicle.steering_offset, drive, memory[0])
     if runge_kutta:
         state = advance_reference(vehicle, road, state, inputs, substeps, h)
     else:
         state = advance(vehicle, road, state, inputs, substeps, h)
-    u, y, sensed = read_sensors(record, k, state, p.Inputs(steer, held[0], memory[0]), sensed)
+    u, y, sensed = read_sensors(record, k, state, p.Inputs(steer, drive, memory[0]), sensed)
     return memory, state, u, y, sensed
 
 
@@ -193,7 +195,7 @@ class Simulation:
         if self._multibody is not None:
             self._bodies, self.state = self._multibody.start(s.manoeuvre.speed)
         self._lost = False
-        self._driver_state = s.manoeuvre.init(s.nominal)
+        self._driver_state = s.manoeuvre.init(replace(s.nominal, vehicle=s.vehicle))  # he knows his own car
         self._unit = released_brakes(s.brake_unit, s.dt)
         self.hand_wheel, self.steer = 0.0, 0.0
         rest = p.Inputs(0.0, NO_TORQUE, NO_TORQUE)
@@ -266,7 +268,7 @@ class Simulation:
         s, (drive, driver, added, release) = self.scenario, held
         asked = (driver, added, release, self.heard, velocity, steer, s.dt)
         self._unit = brake_torques(s.brake_unit, self._geometry, self._unit, *asked)
-        inputs = p.Inputs(steer + s.vehicle.steering_offset, drive, self._unit[0])
+        inputs = p.Inputs(steer + s.vehicle.steering_offset, drive_torques(drive, added), self._unit[0])
         bodies, self.state = plant.advance(self._bodies, self.state, inputs, s.dt)
         if bodies is None:
             self._lost = True
@@ -289,6 +291,8 @@ class Simulation:
             return "state not finite"
         if not math.isfinite(estimate.vx + estimate.vy + estimate.yaw_rate + estimate.ay):
             return "estimate not finite"
+        if math.hypot(estimate.vx, estimate.vy) > FASTEST:
+            return "estimate absurd"
         if abs(math.atan2(vy, vx)) > SPIN and math.hypot(vx, vy) > SLOWEST_SPIN:
             return "spin"
         if self._lost:

@@ -185,13 +185,12 @@ def test_what_the_road_gives_a_wheel_is_observed(car, friction):
     vehicle, road, h, steps = load(car), p.road((0.0, friction)), 1e-3, 10
     state, memory = rolling_start(vehicle, 20.0), released_brakes(UNIT, steps * h)
     heard, wheels, driver = np.zeros(10), np.empty((4, CONTACT)), np.array([500.0, 500.0, 250.0, 250.0])
-    unit = UNIT._replace(inertia=vehicle.wheel_inertia)
     seen, true = [], []
     for _ in range(60):
         heard[0], heard[3:7] = state[p.AX], state[p.WHEEL_SPEEDS]
         velocity = tuple(state[[p.VX, p.VY, p.YAW_RATE]])
         memory = brake_torques(
-            unit, vehicle.geometry, memory, driver, np.zeros(4), np.zeros(4), heard, velocity, 0.0, steps * h
+            UNIT, vehicle.geometry, memory, driver, np.zeros(4), np.zeros(4), heard, velocity, 0.0, steps * h
         )
         seen.append(memory[ROAD])
         gives = np.zeros(4)

@@ -96,15 +96,21 @@ class ZeroSideslip(Estimator):
             0.0 if torque > self.braking else before + state.dt
             for torque, before in zip(reading.brake.tolist(), state.since_brake, strict=True)
         )
-        heard = [(w, s >= self.brake_hold) for w, s in zip(reading.wheel_speeds.tolist(), since, strict=True) if w == w]
-        free = [w for w, rolls in heard if rolls]
+        heard = [w for w in reading.wheel_speeds.tolist() if w == w]
+        driven = [abs(torque) > self.braking for torque in reading.drive.tolist()]
+        rolling = [
+            (w, d)
+            for w, s, d in zip(reading.wheel_speeds.tolist(), since, driven, strict=True)
+            if w == w and s >= self.brake_hold
+        ]
+        free = [w for w, d in rolling if not d] or [w for w, _ in rolling]
         if free:
             vx = state.radius * sum(free) / len(free)
         elif heard:
             slowest = state.vx + state.dt * (
                 min(0.0, reading.ax) - self.margin if reading.ax == reading.ax else -GRAVITY
             )
-            vx = max(slowest, state.radius * max(w for w, _ in heard))  # a locking wheel is no speed
+            vx = max(slowest, state.radius * max(heard))  # a locking wheel is no speed
         else:
             vx = state.vx
         return RollingWheels(state.radius, state.dt, since, vx)

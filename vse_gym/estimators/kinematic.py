@@ -8,7 +8,7 @@ import numpy as np
 from vse_gym.compiled import compiled
 from vse_gym.estimators.base import Estimator
 from vse_gym.models import Nominal
-from vse_gym.types import U_BRAKE, Y_AX, Y_AY, Y_WHEEL, Y_YAW_RATE, Array, Estimate, Reading
+from vse_gym.types import U_BRAKE, U_DRIVE, Y_AX, Y_AY, Y_WHEEL, Y_YAW_RATE, Array, Estimate, Reading
 
 
 class Kinematics(NamedTuple):
@@ -42,7 +42,7 @@ def kinematic_step(k, values, u, y):
         if not np.isnan(y[channel]):
             out[i] = y[channel]
     ax, ay, r = out[2], out[3], out[4]
-    total, count, fastest = 0.0, 0, -1.0
+    total, count, fastest, free, free_total = 0.0, 0, -1.0, 0, 0.0
     for i in range(4):
         out[5 + i] = 0.0 if u[U_BRAKE + i] > k.braking else values[5 + i] + k.dt
         half = 0.5 * (k.track_front if i < 2 else k.track_rear) * (1.0 if i % 2 == 0 else -1.0)
@@ -53,14 +53,19 @@ def kinematic_step(k, values, u, y):
         if out[5 + i] >= k.brake_hold:
             total += speed
             count += 1
+            if abs(u[U_DRIVE + i]) <= k.braking:  # a driven wheel slips
+                free_total += speed
+                free += 1
     error = 0.0
-    if count > 0:
+    if free > 0:
+        error = free_total / free - vx
+    elif count > 0:
         error = total / count - vx
     elif fastest >= 0:
         error = max(0.0, fastest - vx)  # braking wheels turn too slowly, never too fast
     turning = abs(r)
     straight = max(0.0, 1 - turning / k.leak_yaw_rate)
-    out[0] = vx + k.dt * (ax + r * vy + (k.speed_gain + 2 * k.turn_gain * turning) * error)
+    out[0] = vx + k.dt * (ax + r * vy + (k.speed_gain * straight + 2 * k.turn_gain * turning) * error)
     out[1] = vy + k.dt * (ay - r * vx + (k.turn_gain**2 - 1) * r * error - k.leak * straight * vy)
     return out
 
@@ -69,8 +74,8 @@ def kinematic_step(k, values, u, y):
 class KinematicObserver(Estimator):
     """Integrate ax + r vy and ay - r vx, held to the wheels' speed while turning and to zero while not.
 
-    The gains on the speed error place both poles at -turn_gain |yaw rate|: Farrelly, Wellstead (1996). Going straight
-    vy cannot be observed, so it leaks away there.
+    While turning the gains on the speed error place both poles at -turn_gain |yaw rate|: Farrelly, Wellstead (1996).
+    Going straight vy cannot be observed, so it leaks away there.
     """
 
     turn_gain: float = 2.0  # [-]

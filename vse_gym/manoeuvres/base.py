@@ -95,7 +95,10 @@ class Manoeuvre(ABC):
                 raise ValueError(f"side must be 1, to the left, or -1, not {value}")
 
     def init(self, nominal: Nominal) -> Any:
-        """The driver's state at the start; a driver of an open-loop test has none."""
+        """The driver's state at the start; a driver of an open-loop test has none.
+
+        ``nominal.vehicle`` is the true car here, which its driver knows; whatever estimators are told of it.
+        """
         return None
 
     @abstractmethod

@@ -8,6 +8,7 @@ import numpy as np
 
 from vse_gym.manoeuvres.base import DEG, Criterion, Manoeuvre, Verdict
 from vse_gym.manoeuvres.driver import DRIVER, Hands, Pedals, Steering, pedals
+from vse_gym.manoeuvres.followed import largest, strayed
 from vse_gym.manoeuvres.path import Circle
 from vse_gym.manoeuvres.split_friction_braking import stopping_distance
 from vse_gym.models import Nominal
@@ -33,8 +34,9 @@ class BrakeInTurn(Manoeuvre):
     The standard's circle of 100 m (k) at 80 km/h (chosen: 4.9 m/s2); the driver follows it until he brakes. With an
     ``amplitude`` he turns the hand wheel to that angle instead and holds it from the start.
 
-    Judged by (chosen): sideslip. Reported: the yaw rate 1 s after the begin of braking over that of the same circle at
-    the speed then (k), largest deceleration, stopping distance.
+    Judged by (chosen): sideslip; and, where the driver follows the circle, how far the car strays from it in the first
+    second, so that one that ploughs straight on fails as well as one that turns in. Reported: the yaw rate 1 s after
+    the begin of braking over that of the same circle at the speed then (k), largest deceleration, stopping distance.
     """
 
     duration: float = 10.0
@@ -53,7 +55,9 @@ class BrakeInTurn(Manoeuvre):
 
     def init(self, nominal: Nominal) -> Turning:
         car = nominal.vehicle
-        return Turning(self.driver.init(nominal), Circle(self.side * self.radius), pedals(car), car.steering_ratio)
+        return Turning(
+            self.driver.init(nominal), Circle(self.side * self.radius), pedals(car, nominal.dt), car.steering_ratio
+        )
 
     def drive(self, state: Turning, time: float, car: Car) -> tuple[Driver, Turning]:
         hands, circle, feet, ratio = state
@@ -62,9 +66,10 @@ class BrakeInTurn(Manoeuvre):
             hands = hands._replace(angle=math.copysign(turned, self.amplitude) / ratio)
         elif time < self.brake:
             hands = self.driver.steer(hands, circle, car)
-        after = Turning(hands, circle, feet, ratio)
         if time < self.brake:
-            return Driver(ratio * hands.angle, feet.hold(self.speed, car)), after
+            feet = feet.hold(self.speed, car)
+            return Driver(ratio * hands.angle, feet.torque), Turning(hands, circle, feet, ratio)
+        after = Turning(hands, circle, feet, ratio)
         return Driver(ratio * hands.angle, NO_TORQUE, feet.brake * self.deceleration), after
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
@@ -77,9 +82,12 @@ class BrakeInTurn(Manoeuvre):
         steady = before[0] / before[1] * then[1] if before[1] > 0 else math.nan
         ratio = then[0] / steady if abs(steady) > 0 else math.nan
         braking = log.truth[log.time >= self.brake, p.AX]
+        first = (log.time >= self.brake) & (log.time <= self.brake + LOOKS)
+        away = largest(strayed(Circle(self.side * self.radius), log)[first])
         return Verdict(
             (
                 Criterion("largest sideslip", math.degrees(log.peak_sideslip), 10, "deg"),
+                Criterion("strays from the circle within 1 s", away, 1.0, "m", judged=self.amplitude is None),
                 Criterion("yaw rate over that of the circle after 1 s", ratio, 1.3, "", judged=False),
                 Criterion("largest deceleration", -float(np.min(braking, initial=0.0)), 9.81, "m/s2", judged=False),
                 Criterion("stopping distance", stopping_distance(log, self.brake), 100, "m", judged=False),

@@ -43,12 +43,12 @@ def _line(start: float, offset: float) -> Line:
 
 @dataclass(frozen=True)
 class DoubleLaneChange(Coned):
-    """Over into the neighbouring lane and back between cones, at a steady accelerator: ISO 3888-1.
+    """Over into the neighbouring lane and back between cones, at a held speed: ISO 3888-1.
 
     Lanes of 15, 25 and 15 m, 30 and 25 m between them, and 15 m of exit (k); 1.1, 1.2 and 1.3 times the car's width,
-    and 0.25 m, wide (k); the middles 3.5 m apart (chosen: editions differ). The cones' bases touch the lanes from
-    outside and stand at most 5 m apart (chosen). 80 km/h is the standard's speed (k); there the driver clears it with
-    every car of this package on dry road, without control.
+    and 0.25 m, wide (k); the middles 3.5 m apart, the third in line with the first (chosen: editions differ). The
+    cones' bases touch the lanes from outside and stand at most 5 m apart (chosen). 80 km/h is the standard's speed (k);
+    there the driver clears it with every car of this package on dry road, without control.
 
     Judged by: no cone hit, no gate missed. Reported: least distance to a cone, largest sideslip, speed lost.
     """

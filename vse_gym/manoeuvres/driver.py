@@ -10,7 +10,7 @@ import numpy as np
 from vse_gym.manoeuvres.path import Path
 from vse_gym.models import Nominal
 from vse_gym.physics.parameters import GRAVITY, VX, VY, YAW, YAW_RATE, Vehicle, X, Y
-from vse_gym.types import NO_TORQUE, Array, Car
+from vse_gym.types import Array, Car
 
 DEG = math.pi / 180
 SLOWEST, FASTEST = 3, 60  # speeds that the driver has practised, every metre per second between them [m/s]
@@ -181,8 +181,12 @@ class Steering:
 DRIVER = Steering()
 
 FIRM = 0.8 * GRAVITY  # deceleration for which the brakes are balanced [m/s2]
-STRONGEST = 3.0  # acceleration that the engine can give [m/s2]
-EAGER = 2.0  # acceleration that the driver wants for each metre per second too slow [1/s]
+# How the driver holds a speed (chosen). He reads a needle: a drive torque that followed the speed exactly would tell
+# estimators, who know the torque, what no sensor does.
+NEEDLE = 2 / 3.6  # speed to which the speedometer can be read [m/s]
+STRONGEST = 1.5  # acceleration for which he presses at most [m/s2]
+EAGER = 1.0  # acceleration that he wants for each metre per second too slow [1/s]
+FOOT = 0.5  # time constant of his foot [s]
 
 
 class Pedals(NamedTuple):
@@ -193,17 +197,25 @@ class Pedals(NamedTuple):
 
     drive: Array
     brake: Array
+    follow: float  # share of the way to what he wants that his foot makes in a step [-]
+    pressed: float = 0.0  # acceleration for which the accelerator stands [m/s2]
 
-    def hold(self, speed: float, car: Car) -> Array:
-        """Drive torques that bring the car back to a speed from below; from above it coasts, (4,) [N m]."""
-        wanted = min(EAGER * (speed - car.vx), STRONGEST)
-        return self.drive * wanted if wanted > 0 else NO_TORQUE
+    def hold(self, speed: float, car: Car) -> "Pedals":
+        """The pedals one step on, with a foot that brings the car back to a speed from below; from above it lifts."""
+        seen = NEEDLE * round(math.hypot(car.vx, car.vy) / NEEDLE)
+        wanted = min(max(EAGER * (speed - seen), 0.0), STRONGEST)
+        return self._replace(pressed=self.pressed + self.follow * (wanted - self.pressed))
+
+    @property
+    def torque(self) -> Array:
+        """Drive torque at each wheel, (4,) [N m]."""
+        return self.drive * self.pressed
 
 
-def pedals(vehicle: Vehicle) -> Pedals:
-    """The pedals of a car."""
+def pedals(vehicle: Vehicle, dt: float) -> Pedals:
+    """The pedals of a car, for a driver who acts every dt seconds."""
     torque = 0.5 * vehicle.mass * vehicle.wheel_radius
     front = vehicle.front_drive
     load = min(1.0, (vehicle.lr + FIRM / GRAVITY * vehicle.height) / vehicle.wheelbase)
     drive, brake = torque * np.array([[s, s, 1 - s, 1 - s] for s in (front, load)])
-    return Pedals(drive, brake)
+    return Pedals(drive, brake, 1 - math.exp(-dt / FOOT))

@@ -39,16 +39,18 @@ class Followed(Manoeuvre):
 
     def init(self, nominal: Nominal) -> AtWheel:
         car = nominal.vehicle
-        return AtWheel(self.driver.init(nominal), self.path(car), pedals(car), car.steering_ratio)
+        return AtWheel(self.driver.init(nominal), self.path(car), pedals(car, nominal.dt), car.steering_ratio)
 
     def drive(self, state: AtWheel, time: float, car: Car) -> tuple[Driver, AtWheel]:
         hands, path, feet, ratio = state
         hands = self.driver.steer(hands, path, car)
-        return Driver(ratio * hands.angle, *self.press(feet, time, car)), AtWheel(hands, path, feet, ratio)
+        drive, brake, feet = self.press(feet, time, car)
+        return Driver(ratio * hands.angle, drive, brake), AtWheel(hands, path, feet, ratio)
 
-    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array]:
-        """Drive and brake torques, (4,) each [N m]."""
-        return feet.hold(self.speed, car), NO_TORQUE
+    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array, Pedals]:
+        """Drive and brake torques, (4,) each [N m], and the pedals after."""
+        feet = feet.hold(self.speed, car)
+        return feet.torque, NO_TORQUE, feet
 
 
 def strayed(path: Path, log: Log) -> Array:

@@ -45,10 +45,10 @@ class FrictionJump(Followed):
             return STRAIGHT
         return Circle(self.side * self.speed**2 / self.lateral, self.straight * self.speed)
 
-    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array]:
+    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array, Pedals]:
         if time < self.begin:
             return super().press(feet, time, car)
-        return NO_TORQUE, feet.brake * self.deceleration
+        return NO_TORQUE, feet.brake * self.deceleration, feet
 
     def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
         return abs(self.path(vehicle).stray_of(car.x, car.y)) > LEFT

@@ -84,7 +84,7 @@ class ObstacleAvoidance(Coned):
     def course(self, vehicle: p.Vehicle) -> Course:
         return _course(vehicle.width, self.start, self.side)
 
-    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array]:
+    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array, Pedals]:
         if car.x > self.start + LIFTS:
-            return NO_TORQUE, NO_TORQUE
+            return NO_TORQUE, NO_TORQUE, feet
         return super().press(feet, time, car)

@@ -47,6 +47,9 @@ class Slalom(Coned):
     the drives of Qin et al. (2014), doi:10.6041/j.issn.1000-1298.2014.10.004, and clean with every car on dry road.
 
     Judged by: no cone hit, each passed on its side. Reported: least distance to a cone, largest sideslip, speed lost.
+
+    Raises:
+        ValueError: If there is no cone, or a part of one.
     """
 
     speed: float = 45 * KMH
@@ -56,6 +59,11 @@ class Slalom(Coned):
 
     positive: ClassVar[tuple[str, ...]] = ("cones", "spacing", "start")
     not_negative: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.cones != round(self.cones):
+            raise ValueError(f"cones must be a whole number, at least 1, not {self.cones}")
 
     @property
     def length(self) -> float:

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from vse_gym.manoeuvres.base import DEG, KMH, Criterion, Manoeuvre, Verdict
+from vse_gym.manoeuvres.driver import Pedals, pedals
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import advance, rolling_start
@@ -15,16 +16,17 @@ from vse_gym.types import Array, Car, Driver, Log
 
 def _angle_at_0_3g(hand_wheel: Array, ay: Array) -> float:
     """Hand-wheel angle at 0.3 g by a straight line through 0.1 to 0.375 g; NaN if the drive never got there [rad]."""
-    g = np.abs(ay) / p.GRAVITY
+    side = np.copysign(1.0, hand_wheel[-1])
+    g = side * ay / p.GRAVITY  # signed: a car with a steering offset begins on the other side
     beyond = np.nonzero(g > 0.375)[0]
     if beyond.size == 0:
         return float("nan")
-    use = slice(int(np.argmax(g >= 0.1)), int(beyond[0]))
-    slope, offset = np.polyfit(np.abs(hand_wheel[use]), g[use], 1)
+    begin = int(np.nonzero(g[: beyond[0]] < 0.1)[0][-1]) + 1
+    slope, offset = np.polyfit(side * hand_wheel[begin : beyond[0]], g[begin : beyond[0]], 1)
     return float((0.3 - offset) / slope)
 
 
-Hands = tuple[float, float, float]  # the driver's state: hand wheel [rad], control step [s], front share of the drive
+Hands = tuple[float, float, Pedals]  # the driver's state: hand wheel [rad], control step [s], pedals
 
 
 @dataclass(frozen=True)
@@ -35,20 +37,18 @@ class SlowlyIncreasingSteer(Manoeuvre):
     rate: float = 13.5 * DEG  # of the hand wheel; positive: to the left [rad/s]
     begin: float = 0.5  # of steer [s]
     stop: float = 0.5 * p.GRAVITY  # the hand wheel is held from here on [m/s2]
-    grip: float = 2000.0  # drive torque per speed error [N m s/m]
 
-    positive: ClassVar[tuple[str, ...]] = ("stop", "grip")
+    positive: ClassVar[tuple[str, ...]] = ("stop",)
 
     def init(self, nominal: Nominal) -> Hands:
-        return 0.0, nominal.dt, nominal.vehicle.front_drive
+        return 0.0, nominal.dt, pedals(nominal.vehicle, nominal.dt)
 
     def drive(self, state: Hands, time: float, car: Car) -> tuple[Driver, Hands]:
-        angle, dt, front = state
+        angle, dt, feet = state
         if abs(car.ay) < self.stop and time >= self.begin:
             angle += self.rate * dt
-        torque = max(0.0, self.grip * (self.speed - car.vx))
-        drive = 0.5 * torque * np.array([front, front, 1 - front, 1 - front])
-        return Driver(angle, drive), (angle, dt, front)
+        feet = feet.hold(self.speed, car)
+        return Driver(angle, feet.torque), (angle, dt, feet)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """Reports A; passes if the car reached 0.375 g, so that the line has its data."""
@@ -62,15 +62,21 @@ class SlowlyIncreasingSteer(Manoeuvre):
         )
 
 
-@lru_cache(maxsize=64)
 def steer_at_0_3g(vehicle: p.Vehicle, friction: float = 0.9) -> float:
-    """A of a car: its hand-wheel angle at 0.3 g in the slowly increasing steer, open loop [rad].
+    """A of a car: its hand-wheel angle at 0.3 g in the slowly increasing steer, open loop, on steady tyres [rad].
 
     NaN if the car never reaches 0.375 g, as on a road of that friction or less.
     """
+    laws = type(vehicle.front_tyre).__name__, type(vehicle.rear_tyre).__name__
+    return _steer_at_0_3g(vehicle, laws, friction)
+
+
+@lru_cache(maxsize=64)
+def _steer_at_0_3g(vehicle: p.Vehicle, laws: tuple[str, str], friction: float) -> float:
+    # The tyres' laws are part of the key: two of them with equal numbers are equal tuples.
     test = SlowlyIncreasingSteer(speed=80 * KMH, friction=friction)
     dt, substep = 0.01, 1e-3
-    road, state, memory = test.road(), rolling_start(vehicle, test.speed), (0.0, dt, vehicle.front_drive)
+    road, state, memory = test.road(), rolling_start(vehicle, test.speed), (0.0, dt, pedals(vehicle, dt))
     angles, ay = [0.0], [0.0]
     for k in range(round(test.duration / dt)):
         driver, memory = test.drive(memory, k * dt, Car(state))

@@ -54,10 +54,10 @@ class SplitFrictionBraking(Followed):
     def path(self, vehicle: p.Vehicle) -> Path:
         return STRAIGHT
 
-    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array]:
+    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array, Pedals]:
         if time < self.begin:
             return super().press(feet, time, car)
-        return NO_TORQUE, feet.brake * self.deceleration
+        return NO_TORQUE, feet.brake * self.deceleration, feet
 
     def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
         return abs(car.y) > LEFT

@@ -46,8 +46,9 @@ class SteadyCircle(Followed):
         last = max(self.speed, math.sqrt(self.most * self.radius))
         return min(last, self.speed + self.gain * max(0.0, time - self.settle))
 
-    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array]:
-        return feet.hold(self.wanted(time), car), NO_TORQUE
+    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array, Pedals]:
+        feet = feet.hold(self.wanted(time), car)
+        return feet.torque, NO_TORQUE, feet
 
     def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
         return abs(self.path(vehicle).stray_of(car.x, car.y)) > LEFT

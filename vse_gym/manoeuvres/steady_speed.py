@@ -19,10 +19,11 @@ class SteadySpeed(Manoeuvre):
         """Angle of the hand wheel [rad]."""
 
     def init(self, nominal: Nominal) -> Pedals:
-        return pedals(nominal.vehicle)
+        return pedals(nominal.vehicle, nominal.dt)
 
     def drive(self, state: Pedals, time: float, car: Car) -> tuple[Driver, Pedals]:
-        return Driver(self.hand_wheel(time), state.hold(self.speed, car)), state
+        feet = state.hold(self.speed, car)
+        return Driver(self.hand_wheel(time), feet.torque), feet
 
 
 def held_together(log: Log) -> Criterion:

@@ -12,7 +12,7 @@ from vse_gym.inference.model import attend, heed
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.single_track import BRAKING, SLOWEST, SingleTrack, SingleTrackTuning, commanded
 from vse_gym.physics.parameters import GRAVITY
-from vse_gym.types import CHANNELS, U_BRAKE, U_STEER, Y_AX, Y_AY, Y_SIDESLIP, Y_WHEEL, Y_YAW_RATE, Array
+from vse_gym.types import CHANNELS, U_BRAKE, U_DRIVE, U_STEER, Y_AX, Y_AY, Y_SIDESLIP, Y_WHEEL, Y_YAW_RATE, Array
 
 
 class LinearBicycle(NamedTuple):
@@ -130,15 +130,16 @@ def _(model, u, y):
 @attend.register(LinearBicycle)
 @compiled
 def _(model, memory, u, y):
-    # The speed is the rolling wheels' mean. While all brake it is the fastest one's, but falls no faster than the
-    # accelerometer says: a locking wheel is no speedometer. While none is heard it stays.
+    # The speed is the mean of the wheels that roll freely, else of the driven ones. While all brake it is the fastest
+    # one's, but falls no faster than the accelerometer says: a locking wheel is no speedometer. While none is heard it
+    # stays.
     car = model.car
     variances, after = np.empty(10), np.empty(5)
     for i in range(10):
         variances[i] = np.nan if math.isnan(y[i]) else model.variances[i]
     r = 0.0 if math.isnan(y[Y_YAW_RATE]) else y[Y_YAW_RATE]
     cos_steer, sin_steer = math.cos(u[U_STEER]), math.sin(u[U_STEER])
-    total, rolling, fastest = 0.0, 0, -1.0
+    total, rolling, fastest, free, free_total = 0.0, 0, -1.0, 0, 0.0
     for i in range(4):
         after[i] = 0.0 if u[U_BRAKE + i] > BRAKING else memory[i] + car.dt
         if math.isnan(y[Y_WHEEL + i]):
@@ -152,8 +153,13 @@ def _(model, memory, u, y):
         if after[i] >= car.brake_hold:
             total += speed
             rolling += 1
+            if abs(u[U_DRIVE + i]) <= BRAKING:
+                free += 1
+                free_total += speed
     after[4] = memory[4]
-    if rolling > 0:
+    if free > 0:
+        after[4] = free_total / free
+    elif rolling > 0:
         after[4] = total / rolling
     elif fastest >= 0.0:
         felt = -car.friction * GRAVITY if math.isnan(y[Y_AX]) else min(0.0, y[Y_AX])

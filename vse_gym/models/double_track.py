@@ -191,6 +191,9 @@ def _(model, states, u):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
         out[Y_AX, j], out[Y_AY, j], _ = _forces(model, table, u[U_FELT], vx, vy, r)
         read_motion(model.vehicle, table[0, COS], table[0, SIN], vx, vy, r, out, j)
+        for i in range(4):  # a driven wheel turns faster than it rolls, by the slip that its force comes from
+            if u[U_DRIVE + i] > BRAKING:
+                out[Y_WHEEL + i, j] *= 1 + table[i, SLIP]
     read_extras(model.variances, states, out)
     return out
 

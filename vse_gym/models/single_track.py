@@ -116,7 +116,7 @@ class SingleTrackTuning:
 
 
 SLOWEST = 2.0  # speed to which slip angles are taken at least: below, a step of 10 ms would be unstable [m/s]
-BRAKING = 20.0  # a wheel with more brake torque than this is braking [N m]
+BRAKING = 20.0  # a wheel with more brake torque than this is braking, with more drive torque driven [N m]
 
 
 class Commanded(NamedTuple):
@@ -278,13 +278,15 @@ def _(model, u, y):
 @compiled
 def attend_wheels(model, memory, u, y):
     """``attend`` for models that predict the readings of rolling wheels."""
-    # A braking wheel slips, and is slow to spin up again. While all brake, the fastest stays, with a standard
+    # A driven wheel slips: it is left out while one that rolls freely is heard. So does a braking one, which is slow to
+    # spin up again. While all brake, the fastest stays, with a standard
     # deviation of some slip, but only if it keeps up with a reference speed that falls no faster than the
     # accelerometer says: else it is locking, and would draw the estimate, and the slip limiter, down with it.
     variances, after = np.empty(10), np.empty(5)
     for i in range(10):
         variances[i] = np.nan if math.isnan(y[i]) else model.variances[i]
     fastest, rolling, total = -1, 0, 0.0
+    free, free_total = 0, 0.0
     for i in range(4):
         after[i] = 0.0 if u[U_BRAKE + i] > BRAKING else memory[i] + model.dt
         speed = y[Y_WHEEL + i]
@@ -298,6 +300,14 @@ def attend_wheels(model, memory, u, y):
             rolling += 1
             total += speed
             variances[Y_WHEEL + i] += (model.slip * speed) ** 2
+            if abs(u[U_DRIVE + i]) <= BRAKING:
+                free += 1
+                free_total += speed
+    if 0 < free < rolling:
+        for i in range(4):
+            if abs(u[U_DRIVE + i]) > BRAKING:
+                variances[Y_WHEEL + i] = np.nan
+        rolling, total = free, free_total
     if rolling > 0:
         after[4] = model.wheel_radius * total / rolling
         return variances, after

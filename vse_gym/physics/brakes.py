@@ -1,6 +1,7 @@
 """The brake unit: what the driver and the stability control ask for, limited by an ABS, delayed by the hydraulics.
 
-The unit sees the *estimated* speeds only, beside the wheels' own. It works without any stability control.
+The unit sees the *estimated* speeds, and the last readings of the wheels and of the accelerometer along the car. It
+works without any stability control.
 
 The ABS holds each wheel at a target slip. What the road gives a wheel is observed from its acceleration and the torque
 that acted, as a disturbance observer does (Ohnishi, 1987); what is already on its way through the dead time is taken
@@ -27,7 +28,6 @@ class BrakeUnit(NamedTuple):
     settle: float = 0.06  # time in which a wheel is led to the target [s]
     heed: float = 0.6  # share of the newest road torque in its average [-]
     least: float = 30.0  # torque that the ABS leaves a wheel: one that brakes is not taken to roll freely [N m]
-    inertia: float = 1.2  # of a wheel, as the unit knows it [kg m2]
     yaw_build_up_front: float = 1e3  # rise of what a wheel gets beyond its slipping neighbour [N m/s]
     yaw_build_up_rear: float = -50.0  # the same behind: it falls, so that grip is left to hold the tail [N m/s]
     slowest: float = 2.0  # estimated speed below which the ABS is off [m/s]
@@ -59,7 +59,7 @@ def _hydraulics(unit, torque, demand, dt):
 
 
 @compiled
-def _believed(unit, memory, i, heard, slowing, dt):
+def _believed(unit, memory, i, heard, slowing, inertia, dt):
     """Speed of wheel i and what the road gives it: observed, or predicted while its sensor is silent.
 
     Args:
@@ -68,6 +68,7 @@ def _believed(unit, memory, i, heard, slowing, dt):
         i: Wheel.
         heard: Its speed as last heard [rad/s].
         slowing: Rate of a wheel that keeps its slip, which a silent one is taken for unless the ABS has it [rad/s2].
+        inertia: Of the wheel [kg m2].
         dt: [s].
 
     Returns:
@@ -75,16 +76,16 @@ def _believed(unit, memory, i, heard, slowing, dt):
     """
     before, road = memory[TURNS, i], memory[ROAD, i]
     if heard > 0 and heard == memory[LAST, i] and memory[0, i] > 0:  # a braking wheel never keeps its speed
-        rate = (road - memory[0, i]) / unit.inertia if memory[ACTIVE, i] > 0 else slowing
+        rate = (road - memory[0, i]) / inertia if memory[ACTIVE, i] > 0 else slowing
         return before + dt * rate, rate, road
     rate = (heard - before) / dt
     if heard > 0 and before > 0:  # a locked wheel says nothing of the road, nor does one heard for the first time
-        road += unit.heed * (max(0.0, memory[0, i] + unit.inertia * rate) - road)
+        road += unit.heed * (max(0.0, memory[0, i] + inertia * rate) - road)
     return heard, rate, road
 
 
 @compiled
-def _held(unit, memory, i, along, slip, ax, radius, dt):
+def _held(unit, memory, i, along, slip, ax, radius, inertia, dt):
     """The torque to ask for, that leads wheel i to a slip at once after the dead time [N m].
 
     Args:
@@ -95,16 +96,17 @@ def _held(unit, memory, i, along, slip, ax, radius, dt):
         slip: Target [-].
         ax: Acceleration of the car [m/s2].
         radius: [m].
+        inertia: Of the wheel [kg m2].
         dt: [s].
     """
     torque, speed, road = memory[0, i], memory[TURNS, i], memory[ROAD, i]
     depth = memory.shape[0] - BELIEFS
     for k in range(1, depth):
         torque = _hydraulics(unit, torque, memory[k, i], dt)
-        speed += dt * (road - torque) / unit.inertia
+        speed += dt * (road - torque) / inertia
     along += (depth - 1) * dt * ax
     target = (along - max(slip * along, unit.slip_speed)) / radius
-    wanted = road + unit.inertia * ((max(0.0, speed) - target) / unit.settle - ax / radius)
+    wanted = road + inertia * ((max(0.0, speed) - target) / unit.settle - ax / radius)
     return torque + (wanted - torque) / (1 - math.exp(-dt / unit.lag))
 
 
@@ -119,6 +121,20 @@ def _delay_yaw(unit, memory, driver, held):
         other = i + 1 if i % 2 == 0 else i - 1
         rate = unit.yaw_build_up_front if i < 2 else unit.yaw_build_up_rear
         driver[i] = min(driver[i], max(held[other], memory[0, i] + rate * (unit.lag + unit.dead_time)))
+
+
+@compiled
+def drive_torques(driver, added):
+    """The drive torques that act, (4,) [N m]: none where the driver accelerates while the stability control brakes.
+
+    A control that brakes against the engine would spin the wheels it has unloaded; FMVSS 126 asks for a means to cut
+    the engine's torque. Torques that slow a wheel stay.
+    """
+    out = driver.copy()
+    if added.max() > 0:
+        for i in range(4):
+            out[i] = min(0.0, out[i])
+    return out
 
 
 @compiled
@@ -141,7 +157,7 @@ def brake_torques(unit, geometry, memory, driver, added, release, heard, velocit
     after = memory.copy()
     depth = memory.shape[0] - BELIEFS
     vx, vy, yaw_rate = velocity
-    radius = geometry.wheel_radius
+    radius, inertia = geometry.wheel_radius, geometry.wheel_inertia
     ax = min(0.0, max(HARDEST, heard[0]))
     asked, extra, held = np.empty(4), np.empty(4), np.full(4, np.inf)
     for i in range(4):
@@ -149,7 +165,7 @@ def brake_torques(unit, geometry, memory, driver, added, release, heard, velocit
         asked[i] = (1 - min(1.0, max(0.0, release[i]))) * driver[i]
         extra[i] = min(cap, max(0.0, added[i]))
         after[LAST, i] = heard[3 + i]
-        after[TURNS, i], rate, after[ROAD, i] = _believed(unit, memory, i, heard[3 + i], ax / radius, dt)
+        after[TURNS, i], rate, after[ROAD, i] = _believed(unit, memory, i, heard[3 + i], ax / radius, inertia, dt)
         after[ACTIVE, i] = 0.0
         demand = asked[i] + extra[i]
         along, _ = wheel_velocity(geometry, i, vx, vy, yaw_rate, steer)
@@ -161,7 +177,7 @@ def brake_torques(unit, geometry, memory, driver, added, release, heard, velocit
         target = max(target, unit.slip_speed / along)
         quick = slip > 0.25 * target and radius * rate < -unit.enter
         if slip > target or quick or memory[ACTIVE, i] > 0:
-            torque = max(unit.least, _held(unit, after, i, along, target, ax, radius, dt))
+            torque = max(unit.least, _held(unit, after, i, along, target, ax, radius, inertia, dt))
             if torque < demand:
                 held[i], after[ACTIVE, i] = torque, 1.0
     _delay_yaw(unit, memory, asked, held)

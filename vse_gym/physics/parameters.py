@@ -104,6 +104,7 @@ class Geometry(NamedTuple):
     track_front: float  # [m]
     track_rear: float  # [m]
     wheel_radius: float  # [m]
+    wheel_inertia: float  # [kg m2]
     brake_cap_front: float  # [N m]
     brake_cap_rear: float  # [N m]
 

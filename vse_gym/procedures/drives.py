@@ -9,7 +9,7 @@ from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
 from vse_gym.physics.parameters import Vehicle
 from vse_gym.sensors import Sensors
-from vse_gym.simulation import Scenario
+from vse_gym.simulation import Scenario, fitting_integrator
 
 Progress = Callable[[int, int], None]  # told how many drives are done, of how many
 
@@ -20,7 +20,8 @@ def silent(done: int, total: int) -> None:
 
 def of_this_car(manoeuvre: Manoeuvre, car: Vehicle, noise: Sensors) -> Scenario:
     """A drive in which estimator and controller are told this very car, this speed and a friction of 0.9."""
-    return Scenario(manoeuvre, car, noise, Nominal(car, noise.sheet, manoeuvre.speed))
+    told = Nominal(car, noise.sheet, manoeuvre.speed)
+    return Scenario(manoeuvre, car, noise, told, integrator=fitting_integrator(car))
 
 
 def at_work(drives: Iterable[Any], jobs: int, progress: Progress, total: int, before: int = 0) -> list[Any]:
