@@ -97,7 +97,7 @@ WRONG = [
     (["run", "sine_with_dwell", "--sensors", "best"], "known: clean"),
     (["run", "sine_with_dwell", "--friction", "0"], "friction"),
     (["run", "straight_driving", "--amplitude-deg", "10"], "amplitude"),
-    (["run", "straight_driving", "--plot", "no/such/folder/a.png"], "no/such/folder"),
+    (["run", "straight_driving", "--plot", "tests"], "ending"),
     (["run", "straight_driving", "--plot", "a.jpgg"], "jpgg"),
     (["bench", "headlin"], "known: demo"),
     (["run", "straight_driving", "--vehicle", "[bold]x"], "'[bold]x'"),

@@ -14,6 +14,7 @@ from vse_gym.manoeuvres.slowly_increasing_steer import SlowlyIncreasingSteer, st
 from vse_gym.manoeuvres.straight_driving import StraightDriving
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
+from vse_gym.procedures import measure_steer_at_0_3g
 from vse_gym.sensors import QUIET
 from vse_gym.types import Car, Log
 from vse_gym.vehicles import load, names
@@ -242,14 +243,14 @@ def test_the_slow_hand_wheel_turns_at_its_rate_until_half_a_g(side, nominal):
 @pytest.mark.parametrize("front", [1.0, 0.0, 0.4])
 def test_the_slow_steer_holds_its_speed_with_the_driven_wheels(front, nominal):
     told = Nominal(nominal.vehicle._replace(front_drive=front), QUIET, nominal.speed)
-    test = SlowlyIncreasingSteer()
-    state = np.zeros(p.STATE_SIZE)
-    state[p.VX] = test.speed - 0.5
-    driver, _ = test.drive(test.init(told), 0.0, Car(state))
-    expected = 0.5 * test.grip / 2 * np.array([front, front, 1 - front, 1 - front])
-    np.testing.assert_allclose(driver.drive, expected, rtol=1e-12)
-    state[p.VX] = test.speed + 0.5
-    assert not test.drive(test.init(told), 0.0, Car(state))[0].drive.any()  # and does not brake
+    test, drives = SlowlyIncreasingSteer(), []
+    for off in (-1.0, 1.0):
+        state = np.zeros(p.STATE_SIZE)
+        state[p.VX] = test.speed + off
+        drives.append(test.drive(test.init(told), 0.0, Car(state))[0].drive)
+    slow, fast = drives
+    np.testing.assert_allclose(slow / slow.sum(), 0.5 * np.array([front, front, 1 - front, 1 - front]), atol=1e-12)
+    assert slow.sum() > 0 and not fast.any()  # and does not brake
 
 
 @pytest.mark.parametrize(("car", "degrees"), [("qin2014", 16.3), ("qin2014_understeer", 22.4)])
@@ -328,3 +329,19 @@ def test_the_more_friction_the_less_hand_wheel_for_0_3_g(car):
     angles = [steer_at_0_3g(load(car), friction) for friction in (0.7, 0.9, 1.2)]
     signs = {math.copysign(1, b - a) for a, b in pairwise(angles)}
     assert len(signs) == 1
+
+
+def test_a_of_two_tyre_laws_with_equal_numbers_is_not_mixed_up():
+    car = load("qin2014_understeer")
+    laws = []
+    for law in (p.LinearTyre, p.DugoffTyre):
+        tyres = {axle: law(*getattr(car, axle)[:2]) for axle in ("front_tyre", "rear_tyre")}
+        laws.append(steer_at_0_3g(car._replace(**tyres)))
+    assert laws[0] != laws[1]
+
+
+def test_an_offset_of_the_steering_leaves_the_mean_of_left_and_right():
+    # 0.01 rad at the road wheel are 9.17 deg of hand wheel, more to one side and less to the other.
+    car = load("qin2014_understeer")
+    straight, offset = (measure_steer_at_0_3g(car._replace(steering_offset=angle)) for angle in (0.0, 0.01))
+    assert offset == pytest.approx(straight, rel=5e-3)

@@ -141,7 +141,7 @@ def test_on_low_friction_the_lane_change_separates_control_from_none(car, kmh):
 
 
 def test_on_low_friction_production_control_clears_the_course_with_the_default_car():
-    assert driven("double_lane_change", "qin2014_understeer", "esc", friction=0.4, speed=75 * KMH)[1]
+    assert driven("double_lane_change", "qin2014_understeer", "esc", friction=0.4, speed=70 * KMH)[1]
 
 
 def test_the_accelerator_is_released_in_the_first_lane_of_obstacle_avoidance():
@@ -166,3 +166,13 @@ def test_a_drive_is_as_long_as_its_course(course):
 def test_a_course_that_cannot_be_is_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         DoubleLaneChange(**wrong)
+
+
+@pytest.mark.parametrize("kmh", [20, 30])
+def test_a_slow_slalom_is_driven_to_its_end(kmh):
+    assert driven("slalom", "qin2014_understeer", speed=kmh * KMH)[1]
+
+
+def test_a_slalom_of_half_a_cone_is_refused():
+    with pytest.raises(ValueError, match="whole number"):
+        Slalom(cones=2.5)

@@ -1,6 +1,7 @@
 """The driver: stable with every car, honest about his limits, and alike to both sides."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,12 +9,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
-from vse_gym.manoeuvres.driver import DRIVER, FASTEST, SLOWEST, Skill, Steering, pedals, practised, riccati, stepped
+from vse_gym.manoeuvres.driver import (
+    DRIVER,
+    FASTEST,
+    NEEDLE,
+    SLOWEST,
+    Skill,
+    Steering,
+    pedals,
+    practised,
+    riccati,
+    stepped,
+)
 from vse_gym.manoeuvres.path import STRAIGHT, Circle, Line
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import advance, rolling_start
 from vse_gym.sensors import QUIET
+from vse_gym.simulation import rollout, scenario
 from vse_gym.types import Car
 from vse_gym.vehicles import load, names
 
@@ -108,12 +121,13 @@ def test_no_car_sways_on_a_straight_road_at_any_speed_below_its_critical_one(car
 
 def run(vehicle, path, speed, seconds, offset=0.0, yaw=0.0, driver=DRIVER):
     """The plant under the driver, speed held: states (T, STATE_SIZE) and hand-wheel angles (T,)."""
-    hands, feet, state = driver.init(told(vehicle, speed)), pedals(vehicle), rolling_start(vehicle, speed)
+    hands, feet, state = driver.init(told(vehicle, speed)), pedals(vehicle, DT), rolling_start(vehicle, speed)
     state[p.Y], state[p.YAW] = offset, yaw
     states, angles = [state], [0.0]
     for _ in range(round(seconds / DT)):
         hands = driver.steer(hands, path, Car(state))
-        inputs = p.Inputs(hands.angle, feet.hold(speed, Car(state)), np.zeros(4))
+        feet = feet.hold(speed, Car(state))
+        inputs = p.Inputs(hands.angle, feet.torque, np.zeros(4))
         state = advance(vehicle, p.road((0.0, 0.9)), state, inputs, 10, 1e-3)
         states.append(state)
         angles.append(hands.angle * vehicle.steering_ratio)
@@ -195,7 +209,7 @@ def test_gains_go_over_into_each_other_without_a_jump(speed):
 @every_car
 def test_pedals_give_the_acceleration_that_is_asked_for(car):
     vehicle = load(car)
-    feet = pedals(vehicle)
+    feet = pedals(vehicle, DT)
     force = vehicle.mass * vehicle.wheel_radius
     assert feet.drive.sum() == pytest.approx(force) and feet.brake.sum() == pytest.approx(force)
     assert feet.drive[0] == feet.drive[1] and feet.drive[:2].sum() == pytest.approx(vehicle.front_drive * force)
@@ -209,3 +223,26 @@ def test_pedals_give_the_acceleration_that_is_asked_for(car):
 def test_a_driver_who_cannot_be_is_refused(name, wrong):
     with pytest.raises(ValueError, match=name):
         Steering(**{name: wrong})
+
+
+def test_the_foot_does_not_tell_a_speed_more_finely_than_the_needle_shows():
+    # Estimators know the drive torque: two speeds that the needle shows alike must press the pedal alike.
+    feet, states = pedals(load("qin2014"), DT), [rolling_start(load("qin2014"), v / 3.6) for v in (77.1, 78.9, 79.1)]
+    pressed = [feet.hold(80 / 3.6, Car(state)).pressed for state in states]
+    assert pressed[0] == pressed[1] > pressed[2] == 0.0
+
+
+def test_the_foot_holds_the_speed_that_the_needle_shows():
+    states, _ = run(load("qin2014_understeer"), Circle(100.0), 18.0, 20.0)
+    speed = np.hypot(states[:, p.VX], states[:, p.VY])
+    assert np.abs(speed[1000:] - 18.0).max() < 1.5 * NEEDLE  # half a needle's step, and the foot's delay
+
+
+def test_the_driver_knows_his_own_car_whatever_estimators_are_told():
+    drives = []
+    for mass in (1.0, 1.25):
+        cell = scenario("double_lane_change", "qin2014_understeer", "clean", speed=22.0)
+        other = cell.vehicle._replace(mass=cell.vehicle.mass * mass)
+        log = rollout(replace(cell, nominal=replace(cell.nominal, vehicle=other)), "truth", "none", 0)
+        drives.append(log.hand_wheel)
+    np.testing.assert_array_equal(*drives)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from vse_gym.manoeuvres.driver import NEEDLE
 from vse_gym.manoeuvres.sine_steer import SineSteer
 from vse_gym.manoeuvres.steady_circle import SteadyCircle, understeer_gradient
 from vse_gym.manoeuvres.step_steer import StepSteer
@@ -106,5 +107,6 @@ def test_the_speed_is_held_while_steering(car):
     for name in ("step_steer", "sine_steer"):
         drive = scenario(name, car, "clean")
         log = rollout(drive, "truth", "none", 0)
-        # 2 1/s of speed error give the 0.5 m/s2 that cornering at 0.8 g with 4 deg of slip costs, and a little more.
-        assert np.abs(np.hypot(log.truth[:, p.VX], log.truth[:, p.VY]) - drive.manoeuvre.speed).max() < 0.6
+        # Cornering at 0.8 g with 4 deg of slip costs 0.5 m/s2, less than a step of the needle makes him press for; the
+        # foot's delay and the slips of the oversteering car, three times as large, cost as much again.
+        assert np.abs(np.hypot(log.truth[:, p.VX], log.truth[:, p.VY]) - drive.manoeuvre.speed).max() < 2 * NEEDLE

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vse_gym.manoeuvres.base import Manoeuvre, Verdict
-from vse_gym.physics.brakes import BELIEFS, BrakeUnit, brake_torques, released_brakes
+from vse_gym.physics.brakes import BELIEFS, BrakeUnit, brake_torques, drive_torques, released_brakes
 from vse_gym.physics.double_track import wheel_velocity
 from vse_gym.sensors import QUIET, Sensors
 from vse_gym.simulation import Simulation, scenario
@@ -183,3 +183,9 @@ def test_a_wheel_sensor_that_has_not_spoken_yet_is_not_taken_for_a_locked_wheel(
         frame = simulation.step()
     # 0.3 s less the dead time are 5.6 lags, which leave 0.4 % of the step.
     np.testing.assert_allclose(frame.brake, [500, 500, 250, 250], rtol=0.01)
+
+
+def test_the_engine_is_cut_while_the_stability_control_brakes_and_drags_on():
+    driver = np.array([300.0, 300.0, -50.0, 0.0])
+    assert drive_torques(driver, np.zeros(4)).tolist() == driver.tolist()
+    assert drive_torques(driver, np.array([0.0, 0.0, 1.0, 0.0])).tolist() == [0.0, 0.0, -50.0, 0.0]

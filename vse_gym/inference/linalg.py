@@ -104,6 +104,9 @@ def joseph_scalar(mean, cov, h, innovation, variance, gain, scratch):
     return spread
 
 
+TINIEST = 1e-150  # the square of a row below this is no number any more
+
+
 @compiled
 def triangularise(rows):
     """The lower factor L (n, n) with L L^T = A A^T of A (n, k >= n), by Householder reflections; A is used up.
@@ -113,11 +116,12 @@ def triangularise(rows):
     n, k = rows.shape
     factor = np.zeros((n, n))
     for i in range(n):
-        square = 0.0
+        largest, square = 0.0, 0.0
         for j in range(i, k):
+            largest = max(largest, abs(rows[i, j]))
             square += rows[i, j] * rows[i, j]
         norm = math.sqrt(square)
-        if norm > 0.0:
+        if largest > TINIEST:
             # The reflection v = a + sign(a_i) |a| e_i takes the row to its i-th axis without cancellation.
             turned = math.copysign(norm, rows[i, i])
             rows[i, i] += turned
@@ -130,7 +134,7 @@ def triangularise(rows):
                     rows[r, j] -= dot * scale * rows[i, j]
             sign = -math.copysign(1.0, turned)
         else:
-            sign = 1.0
+            norm, sign = 0.0, 1.0
         factor[i, i] = norm
         for r in range(i + 1, n):
             factor[r, i] = sign * rows[r, i]

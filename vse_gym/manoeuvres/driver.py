@@ -184,9 +184,9 @@ FIRM = 0.8 * GRAVITY  # deceleration for which the brakes are balanced [m/s2]
 # How the driver holds a speed (chosen). He reads a needle: a drive torque that followed the speed exactly would tell
 # estimators, who know the torque, what no sensor does.
 NEEDLE = 2 / 3.6  # speed to which the speedometer can be read [m/s]
-STRONGEST = 1.5  # acceleration for which he presses at most [m/s2]
-EAGER = 1.0  # acceleration that he wants for each metre per second too slow [1/s]
-FOOT = 0.5  # time constant of his foot [s]
+STRONGEST = 2.5  # acceleration for which he presses at most [m/s2]
+EAGER = 2.0  # acceleration that he wants for each metre per second too slow [1/s]
+FOOT = 0.3  # time constant of his foot [s]
 
 
 class Pedals(NamedTuple):
