@@ -187,7 +187,10 @@ class Bench:
             yield self._block(f"{name}: Estimator.update", lambda e=estimator: self.update(e))
         for name in CONTROLLERS:
             law = CONTROLLERS.make(name)
-            yield self._block(f"{name}: Controller.act", lambda c=law: self.act(c))
+            try:
+                yield self._block(f"{name}: Controller.act", lambda c=law: self.act(c))
+            except ModuleNotFoundError as error:
+                self.notes.append(f"no row of {name}: {error}")
 
     def _block(self, what: str, measure: Callable[[], float]) -> Row:
         measure()
