@@ -8,7 +8,7 @@ import numpy as np
 
 from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
 from vse_gym.manoeuvres.driver import Pedals
-from vse_gym.manoeuvres.followed import LEFT, Followed, largest, strayed, turned_away
+from vse_gym.manoeuvres.followed import LEFT, Followed, largest, strayed, true_vehicle, turned_away
 from vse_gym.manoeuvres.path import STRAIGHT, Path
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
@@ -65,7 +65,7 @@ class SplitFrictionBraking(Followed):
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """Heading and lane are judged until the car stands; a drive that ends before has no stopping distance."""
         path = self.path(nominal.vehicle)
-        vehicle = nominal.vehicle if log.vehicle is None else log.vehicle
+        vehicle = true_vehicle(log, nominal)
         reach = 0.5 * vehicle.width * np.cos(log.truth[:, p.YAW]) + max(
             vehicle.lf + vehicle.front_overhang, vehicle.lr + vehicle.rear_overhang
         ) * np.abs(np.sin(log.truth[:, p.YAW]))
