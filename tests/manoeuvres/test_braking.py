@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from vse_gym.manoeuvres.brake_in_turn import BrakeInTurn
+from vse_gym.manoeuvres.followed import stopping_distance
 from vse_gym.manoeuvres.friction_jump import FrictionJump
 from vse_gym.manoeuvres.gentle_curve import GentleCurve
-from vse_gym.manoeuvres.split_friction_braking import SplitFrictionBraking, stopping_distance
+from vse_gym.manoeuvres.split_friction_braking import SplitFrictionBraking
 from vse_gym.physics import parameters as p
 from vse_gym.simulation import rollout, scenario
 from vse_gym.vehicles import names

@@ -2,29 +2,19 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from vse_gym.manoeuvres.base import DEG, Criterion, Manoeuvre, Verdict
-from vse_gym.manoeuvres.driver import DRIVER, Hands, Pedals, Steering, pedals
-from vse_gym.manoeuvres.followed import largest, strayed
+from vse_gym.manoeuvres.driver import DRIVER, Steering, pedals
+from vse_gym.manoeuvres.followed import AtWheel, largest, stopping_distance, strayed
 from vse_gym.manoeuvres.path import Circle
-from vse_gym.manoeuvres.split_friction_braking import stopping_distance
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.types import NO_TORQUE, Car, Driver, Log
 
 LOOKS = 1.0  # after the begin of braking, at which the yaw rate is compared (k) [s]
-
-
-class Turning(NamedTuple):
-    """The driver's state."""
-
-    hands: Hands
-    circle: Circle
-    pedals: Pedals
-    ratio: float  # hand wheel over road wheel [-]
 
 
 @dataclass(frozen=True)
@@ -53,13 +43,13 @@ class BrakeInTurn(Manoeuvre):
 
     positive: ClassVar[tuple[str, ...]] = ("brake", "deceleration", "radius", "rate")
 
-    def init(self, nominal: Nominal) -> Turning:
+    def init(self, nominal: Nominal) -> AtWheel:
         car = nominal.vehicle
-        return Turning(
+        return AtWheel(
             self.driver.init(nominal), Circle(self.side * self.radius), pedals(car, nominal.dt), car.steering_ratio
         )
 
-    def drive(self, state: Turning, time: float, car: Car) -> tuple[Driver, Turning]:
+    def drive(self, state: AtWheel, time: float, car: Car) -> tuple[Driver, AtWheel]:
         hands, circle, feet, ratio = state
         if self.amplitude is not None:
             turned = min(abs(self.amplitude), self.rate * max(0.0, time - self.begin))
@@ -68,8 +58,8 @@ class BrakeInTurn(Manoeuvre):
             hands = self.driver.steer(hands, circle, car)
         if time < self.brake:
             feet = feet.hold(self.speed, car)
-            return Driver(ratio * hands.angle, feet.torque), Turning(hands, circle, feet, ratio)
-        after = Turning(hands, circle, feet, ratio)
+            return Driver(ratio * hands.angle, feet.torque), AtWheel(hands, circle, feet, ratio)
+        after = AtWheel(hands, circle, feet, ratio)
         return Driver(ratio * hands.angle, NO_TORQUE, feet.brake * self.deceleration), after
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:

@@ -15,6 +15,7 @@ from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.types import NO_TORQUE, Array, Car, Driver, Log
 
+STANDS = 0.5  # the car has stopped below this speed [m/s]
 LEFT = 5.0  # metres beside the course at which a drive is over (chosen)
 
 
@@ -68,6 +69,16 @@ def turned_away(path: Path, log: Log) -> Array:
 def largest(values: Array) -> float:
     """Largest magnitude; NaN if there is none or it is not a number."""
     return float(np.max(np.abs(values))) if values.size else math.nan
+
+
+def stopping_distance(log: Log, begin: float) -> float:
+    """Way from a time on until the car stands; NaN if it does not [m]."""
+    speed = np.hypot(log.truth[:, p.VX], log.truth[:, p.VY])
+    stands = np.nonzero((log.time > begin) & (speed < STANDS))[0]
+    if not stands.size:
+        return math.nan
+    way = log.truth[:, p.DISTANCE]
+    return float(way[stands[0]] - np.interp(begin, log.time, way))
 
 
 def true_vehicle(log: Log, nominal: Nominal) -> p.Vehicle:

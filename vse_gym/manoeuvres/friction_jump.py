@@ -6,9 +6,8 @@ from typing import ClassVar
 
 from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
 from vse_gym.manoeuvres.driver import Pedals
-from vse_gym.manoeuvres.followed import LEFT, Followed, largest, strayed, turned_away
+from vse_gym.manoeuvres.followed import LEFT, Followed, largest, stopping_distance, strayed, turned_away
 from vse_gym.manoeuvres.path import STRAIGHT, Circle, Path
-from vse_gym.manoeuvres.split_friction_braking import stopping_distance
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.types import NO_TORQUE, Array, Car, Log

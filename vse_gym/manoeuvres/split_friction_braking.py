@@ -1,6 +1,5 @@
 """Braking on a road that is slippery on one side: ISO 14512."""
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
 from vse_gym.manoeuvres.driver import Pedals
-from vse_gym.manoeuvres.followed import LEFT, Followed, largest, strayed, true_vehicle, turned_away
+from vse_gym.manoeuvres.followed import LEFT, Followed, largest, stopping_distance, strayed, true_vehicle, turned_away
 from vse_gym.manoeuvres.path import STRAIGHT, Path
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
@@ -16,7 +15,6 @@ from vse_gym.types import NO_TORQUE, Array, Car, Log
 
 LANE = 3.5  # width (k) [m]
 BEFORE = 5.0  # the split begins so far before the car starts to brake, so that all wheels are on it (chosen) [m]
-STANDS = 0.5  # the car has stopped below this speed [m/s]
 
 
 @dataclass(frozen=True)
@@ -85,13 +83,3 @@ class SplitFrictionBraking(Followed):
                 Criterion("largest hand wheel", largest(wheel), 240, "deg", judged=False),
             )
         )
-
-
-def stopping_distance(log: Log, begin: float) -> float:
-    """Way from a time on until the car stands; NaN if it does not [m]."""
-    speed = np.hypot(log.truth[:, p.VX], log.truth[:, p.VY])
-    stands = np.nonzero((log.time > begin) & (speed < STANDS))[0]
-    if not stands.size:
-        return math.nan
-    way = log.truth[:, p.DISTANCE]
-    return float(way[stands[0]] - np.interp(begin, log.time, way))
