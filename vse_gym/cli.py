@@ -1,9 +1,7 @@
-"""The command line: list, run, bench; the other commands have files of their own."""
+"""The command line: list, run; the other commands have files of their own."""
 
 import math
 import re
-import sys
-import time
 from dataclasses import fields
 from itertools import takewhile
 from pathlib import Path
@@ -13,15 +11,13 @@ import typer
 from rich.markup import escape
 from rich.table import Column, Table
 
-from vse_gym import cli_check, cli_procedures
+from vse_gym import cli_bench, cli_check, cli_procedures
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
 from vse_gym.cli_screen import (
     ControllerName,
     EstimatorName,
-    Jobs,
     SuiteName,
     VehicleName,
-    bars,
     first_sentence,
     mark,
     refuse,
@@ -151,55 +147,8 @@ def run(
         screen.print(f"drawn: {escape(str(plot))}")
 
 
-@app.command()
-def bench(
-    study: Annotated[str, typer.Argument(help="A study's name, or the path of its TOML file.")],
-    estimators: Annotated[str, typer.Option(help="Comma-separated names; without it the study's own.")] = "",
-    seeds: Annotated[int | None, typer.Option(min=1, help="How many; without it the study's own.")] = None,
-    jobs: Jobs = 1,
-    out: Annotated[Path | None, typer.Option(help="Folder for the table of runs, the summary and the figure.")] = None,
-) -> None:
-    """Drive a study and print its table, least regret first.
-
-    Regret is what it costs to see the car through an estimate and not by its true states. Ctrl-C stops early and shows
-    what was driven until then.
-    """
-    from vse_gym import report
-    from vse_gym.evaluation import Study, run_study, table
-
-    names = [name.strip() for name in estimators.split(",") if name.strip()] or None
-    rows: list[dict[str, Any]] = []
-    begin, stopped = time.perf_counter(), False
-    try:
-        plan = Study.load(study)
-        work = run_study(plan, names, seeds, jobs)
-        with bars() as progress:
-            task = progress.add_task(f"{plan.name}: cells x seeds", total=len(plan.cells) * (seeds or plan.seeds))
-            for part in work:
-                rows += part
-                progress.advance(task)
-    except KeyboardInterrupt:
-        stopped = True
-    except (KeyError, ValueError, TypeError, ModuleNotFoundError) as error:
-        raise refuse(error) from None
-    if not rows:
-        raise refuse(RuntimeError("stopped before the first cell was finished"))
-    runs = table(rows)
-    title = f"{plan.name}, version {plan.version}"
-    screen.print(report.on_screen(*report.cells_of(report.summary(runs), narrow=True), title=escape(title), whole=3))
-    screen.print(report.LEGEND, style="dim", highlight=False)
-    screen.print(report.on_screen(*report.by_cell(runs), title="regret by cell"))
-    for line in report.reasons(runs):
-        screen.print(escape(line), style="red", highlight=False)
-    note = ", [red]stopped early[/red]" if stopped else ""
-    screen.print(f"{len(rows)} runs in {time.perf_counter() - begin:.1f} s{note}")
-    if out is not None:
-        report.write(runs, out, " ".join(["vse-gym", *sys.argv[1:]]))
-        screen.print(f"written: {escape(str(out))}")
-    if stopped:
-        raise typer.Exit(130)
-
-
+app.command("bench")(cli_bench.bench)
+app.command("report")(cli_bench.report)
 app.command("fmvss126")(cli_procedures.fmvss126)
 app.command("entry-speed")(cli_procedures.entry_speed)
 app.command("check")(cli_check.check)

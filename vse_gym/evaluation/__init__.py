@@ -1,20 +1,30 @@
 """Studies: many drives, one row per run."""
 
+from vse_gym.evaluation.bench import Bench, contenders_of, evaluate
 from vse_gym.evaluation.cells import Cell, Randomise
-from vse_gym.evaluation.contenders import POTENTIAL, judged
-from vse_gym.evaluation.runs import evaluate, run_cell, run_study, table
+from vse_gym.evaluation.contenders import POTENTIAL, Contender, contenders
+from vse_gym.evaluation.results import Finished, Results, ResultsError, read_runs
+from vse_gym.evaluation.runs import KEYS, TIMES, run_cell, table
 from vse_gym.evaluation.study import STUDIES, Study, study_names
 
 __all__ = [
+    "KEYS",
     "POTENTIAL",
     "STUDIES",
+    "TIMES",
+    "Bench",
     "Cell",
+    "Contender",
+    "Finished",
     "Randomise",
+    "Results",
+    "ResultsError",
     "Study",
+    "contenders",
+    "contenders_of",
     "evaluate",
-    "judged",
+    "read_runs",
     "run_cell",
-    "run_study",
     "study_names",
     "table",
 ]

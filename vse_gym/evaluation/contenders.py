@@ -1,31 +1,103 @@
-"""Who is judged: estimators by the names of their rows."""
+"""Who is judged: estimators by the names of their rows, and what tells two of them apart."""
 
-from collections.abc import Mapping, Sequence
+import inspect
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
+from hashlib import blake2b
 
 from vse_gym.catalogue import ESTIMATORS
+from vse_gym.estimators.anchors import Truth
 from vse_gym.estimators.base import Estimator
 
 POTENTIAL = "none"  # the row of the car without stability control: what there is to gain; never ranked
+DEFAULT = "default"
+# Attribution: which fields of an estimate are made true, so that the others alone can do harm
+PARTS = {"velocity": ("yaw_rate", "ax", "ay"), "yaw": ("vx", "vy")}
 
 Judged = Sequence[str | Estimator] | Mapping[str, str | Estimator]
 
 
-def judged(estimators: Judged) -> dict[str, Estimator]:
+def digest(*parts: object) -> str:
+    """A short fingerprint of what prints alike."""
+    return blake2b("\n".join(map(str, parts)).encode(), digest_size=6).hexdigest()
+
+
+def fingerprint(estimator: Estimator) -> str:
+    """Of an estimator's class and settings; of its source too if it is not one of ours, whose commit says it all."""
+    kind = type(estimator)
+    told = repr(estimator) if is_dataclass(estimator) else _state_of(estimator)
+    inner = fingerprint(estimator.inner) if isinstance(estimator, Truth) and estimator.inner is not None else ""
+    try:
+        source = "" if kind.__module__.startswith("vse_gym.") else inspect.getsource(kind)
+    except (OSError, TypeError):  # typed at a prompt
+        source = ""
+    return digest(f"{kind.__module__}:{kind.__qualname__}", told, source, inner)
+
+
+def _state_of(estimator: Estimator) -> str:
+    return re.sub(r" at 0x[0-9a-f]+", "", repr(sorted(vars(estimator).items())))
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One row's estimator."""
+
+    name: str
+    estimator: Estimator
+    tuning: str = DEFAULT  # whence its settings, for the table
+    parent: str = ""  # of an attribution row: the estimator whose parts it keeps
+    part: str = "whole"  # or one of PARTS: what is estimated, the rest being true
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """What its rows say of it."""
+        return {
+            "estimator": self.name,
+            "parent": self.parent or self.name,
+            "part": self.part,
+            "tuning": self.tuning,
+            "tuning_digest": fingerprint(self.estimator),
+        }
+
+
+def contenders(
+    estimators: Judged, tunings: Mapping[str, tuple[Estimator, str]] | None = None, attribution: bool = False
+) -> tuple[Contender, ...]:
     """Estimators by the name of their row: a name of the catalogue, or of the class of an instance.
+
+    Args:
+        estimators: Names or instances, or a mapping from row names to either.
+        tunings: For some names of the catalogue, the estimator to take and what to call its tuning.
+        attribution: Add rows in which a part alone is estimated and the rest is true.
 
     Raises:
         UnknownNameError: If a name is not known.
         ValueError: If two rows would have the same name, or one that of the car without control.
     """
-    if isinstance(estimators, Mapping):
-        rows = {name: ESTIMATORS.make(e) for name, e in estimators.items()}
-    else:
-        rows = {}
-        for e in estimators:
-            name = e if isinstance(e, str) else type(e).__name__
-            if name in rows:
-                raise ValueError(f"two estimators named {name!r}: hand in a mapping from names to estimators")
-            rows[name] = ESTIMATORS.make(e)
-    if POTENTIAL in rows:
+    pairs = list(estimators.items()) if isinstance(estimators, Mapping) else [(_name(e), e) for e in estimators]
+    rows: list[Contender] = []
+    for name, thing in pairs:
+        tuned = (tunings or {}).get(thing) if isinstance(thing, str) else None
+        made, label = tuned if tuned is not None else (ESTIMATORS.make(thing), DEFAULT)
+        rows.append(Contender(name, made, label))
+        if attribution:
+            rows.extend(_parts_of(rows[-1]))
+    names = [row.name for row in rows]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"two estimators named {twice[0]!r}: hand in a mapping from names to estimators")
+    if POTENTIAL in names:
         raise ValueError(f"{POTENTIAL!r} is the row of the car without stability control: name the estimator otherwise")
-    return rows
+    return tuple(rows)
+
+
+def _name(thing: str | Estimator) -> str:
+    return thing if isinstance(thing, str) else type(thing).__name__
+
+
+def _parts_of(whole: Contender) -> Iterator[Contender]:
+    if isinstance(whole.estimator, Truth):  # a marker is true in part already
+        return
+    for part, true in PARTS.items():
+        inner = Truth(true, inner=whole.estimator)
+        yield Contender(f"{whole.name}: {part}", inner, whole.tuning, whole.name, part)

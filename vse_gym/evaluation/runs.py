@@ -5,17 +5,18 @@ closed-loop drive of the same seed is compared with (loop). Cells are drawn anew
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from vse_gym import metrics
-from vse_gym.catalogue import ESTIMATORS
+from vse_gym.estimators.anchors import Truth
 from vse_gym.estimators.base import Estimator
 from vse_gym.evaluation.cells import Cell
-from vse_gym.evaluation.contenders import POTENTIAL, Judged, judged
+from vse_gym.evaluation.contenders import POTENTIAL, Contender
+from vse_gym.evaluation.provenance import commit, machine, package_version
 from vse_gym.evaluation.study import Study
 from vse_gym.replay import shadow
 from vse_gym.simulation import Scenario, rollout
@@ -25,45 +26,35 @@ if TYPE_CHECKING:
     import polars
 
 MOST_REPLACED = 20  # a cell whose truth drive ends badly this often in a row is no cell
+KEYS = ("cell", "seed", "estimator")
+TIMES = ("loop_update_us", "shadow_update_us", "seconds", "machine")  # what differs between two runs of the same drive
 
+ALONE = Truth()  # whoever does not brake needs no estimate
 
-def run_study(
-    study: Study, estimators: Judged | None = None, seeds: int | None = None, jobs: int = 1
-) -> Iterator[list[dict[str, Any]]]:
-    """Rows as they come, all those of one cell and seed together; every (cell, seed) once, in no order."""
-    if seeds is not None and seeds < 1:
-        raise ValueError(f"seeds must be at least 1, not {seeds}")
-    rows = judged(estimators if estimators is not None else study.estimators or tuple(ESTIMATORS))
-    numbers = range(study.first_seed, study.first_seed + (seeds or study.seeds))
-    tasks = [(cell, seed) for seed in numbers for cell in study.cells]
-    work = Parallel(n_jobs=jobs, return_as="generator_unordered")
-    yield from work(delayed(run_cell)(study, cell, seed, rows) for cell, seed in tasks)
-
-
-def evaluate(
-    study: Study | str, estimators: Judged | None = None, seeds: int | None = None, jobs: int = 1
-) -> "polars.DataFrame":
-    """One row per cell, seed and estimator, sorted; columns ``loop_*`` and ``shadow_*``, see :mod:`vse_gym.metrics`.
-
-    Args:
-        study: A study or its name.
-        estimators: Names, instances, or a mapping from row names to either; None: the study's own.
-        seeds: How many, from the study's first on; None: the study's own.
-        jobs: Processes.
-    """
-    study = Study.load(study) if isinstance(study, str) else study
-    return table([row for part in run_study(study, estimators, seeds, jobs) for row in part])
+Row = dict[str, Any]
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> "polars.DataFrame":
     """Rows as a table in an order that does not depend on who finished first."""
     import polars
 
-    return polars.DataFrame(list(rows), infer_schema_length=None).sort("cell", "seed", "estimator")
+    return polars.DataFrame(list(rows), infer_schema_length=None).sort(KEYS)
 
 
-def run_cell(study: Study, cell: Cell, seed: int, estimators: Mapping[str, Estimator]) -> list[dict[str, Any]]:
-    """All rows of one cell at one seed. A seed whose truth drive ends badly is replaced, and that is counted."""
+def run_cell(study: Study, cell: Cell, seed: int, contenders: Sequence[Contender], potential: bool = True) -> list[Row]:
+    """All rows of one cell at one seed. A seed whose truth drive ends badly is replaced, and that is counted.
+
+    Args:
+        study: How the cell is drawn.
+        cell: What is driven.
+        seed: Of draw and noise.
+        contenders: Who is judged.
+        potential: Whether the car without stability control has a row too.
+
+    Raises:
+        ValueError: If the truth drive ends badly at every seed.
+    """
+    begin = perf_counter()
     for replaced in range(MOST_REPLACED):
         used = seed + 1_000_000 * replaced
         scenario = cell.scenario(study.randomise, used)
@@ -73,9 +64,28 @@ def run_cell(study: Study, cell: Cell, seed: int, estimators: Mapping[str, Estim
     else:
         why = f"with true states {cell.controller} ends badly ({truth.ended}) at every seed"
         raise ValueError(f"cell {cell.name!r}: {why}")
-    head = {
+    head = heading(study, cell, seed) | {"replaced": replaced}
+    rows: list[Row] = []
+    if potential:
+        alone = rollout(scenario, "truth", "none", used)
+        names = Contender(POTENTIAL, ALONE).columns | {"tuning": "", "tuning_digest": ""}
+        rows.append(head | names | _loop(scenario, cell, alone, truth) | _took(begin))
+    for contender in contenders:
+        begin = perf_counter()
+        heard = _shadow(scenario, contender.estimator, truth, used)
+        log = rollout(scenario, contender.estimator, cell.controller, used)
+        rows.append(head | contender.columns | _loop(scenario, cell, log, truth) | heard | _took(begin))
+    return rows
+
+
+def heading(study: Study, cell: Cell, seed: int) -> Row:
+    """What a row says of its drive and of its making."""
+    return {
         "study": study.name,
         "version": study.version,
+        "study_digest": study.digest,
+        "package": package_version(),
+        "commit": commit(),
         "cell": cell.name,
         "manoeuvre": cell.manoeuvre,
         "vehicle": cell.vehicle,
@@ -84,20 +94,21 @@ def run_cell(study: Study, cell: Cell, seed: int, estimators: Mapping[str, Estim
         "plant": cell.plant,
         "benign": cell.benign,
         "seed": seed,
-        "replaced": replaced,
     }
-    alone = rollout(scenario, "truth", "none", used)
-    rows = [head | {"estimator": POTENTIAL} | _loop(scenario, cell, alone, truth)]
-    for name, estimator in estimators.items():
-        heard = shadow(truth, estimator, scenario.nominal, used)
-        e = metrics.errors(truth.truth, heard.estimate, heard.cov, heard.nis, heard.effective_size)
-        direct: dict[str, Any] = {f"shadow_{k}": v for k, v in metrics.direct(e).items()}
-        if heard.ended:  # errors of the part that it survived would flatter it
-            direct = {k: None if isinstance(v, float) else True for k, v in direct.items()}
-        direct |= {"shadow_update_us": 1e6 * heard.seconds, "shadow_ended": heard.ended}
-        log = rollout(scenario, estimator, cell.controller, used)
-        rows.append(head | {"estimator": name} | _loop(scenario, cell, log, truth) | direct)
-    return rows
+
+
+def _took(begin: float) -> Row:
+    return {"seconds": perf_counter() - begin, "machine": machine()}
+
+
+def _shadow(scenario: Scenario, estimator: Estimator, truth: Log, seed: int) -> Row:
+    """Columns of an estimator that listens to the truth's drive."""
+    heard = shadow(truth, estimator, scenario.nominal, seed)
+    e = metrics.errors(truth.truth, heard.estimate, heard.cov, heard.nis, heard.effective_size)
+    direct: Row = {f"shadow_{k}": v for k, v in metrics.direct(e).items()}
+    if heard.ended:  # errors of the part that it survived would flatter it
+        direct = {k: None if isinstance(v, float) else True for k, v in direct.items()}
+    return direct | {"shadow_update_us": 1e6 * heard.seconds, "shadow_ended": heard.ended}
 
 
 def _loop(scenario: Scenario, cell: Cell, log: Log, truth: Log) -> dict[str, Any]:

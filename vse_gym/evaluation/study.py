@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from vse_gym.evaluation.cells import Cell, Randomise
+from vse_gym.evaluation.contenders import digest
 from vse_gym.manoeuvres.base import si
 from vse_gym.registry import UnknownNameError
 
@@ -15,7 +16,7 @@ class Study:
     """Cells, how they are drawn, and who is judged.
 
     Raises:
-        ValueError: If there are no seeds.
+        ValueError: If there are no seeds, or no cells, or two of one name.
     """
 
     name: str
@@ -25,10 +26,22 @@ class Study:
     first_seed: int = 0  # tuning and reporting never share seeds
     estimators: tuple[str, ...] = ()  # empty: all there are
     randomise: Randomise = field(default_factory=Randomise)
+    attribution: bool = False  # rows too in which a part alone of each estimate is used and the rest is true
+    matched: bool = False  # drives drawn from the estimators' own model, where a bound on the error exists; no loop
 
     def __post_init__(self) -> None:
         if not self.seeds >= 1:
             raise ValueError(f"study {self.name!r}: seeds must be at least 1, not {self.seeds}")
+        if not self.cells:
+            raise ValueError(f"study {self.name!r}: it needs at least one [[cell]]")
+        if len({c.name for c in self.cells}) < len(self.cells):
+            raise ValueError(f"study {self.name!r}: two cells have the same name")
+
+    @property
+    def digest(self) -> str:
+        """Of what is driven: two studies of one digest drive the same at the same seed, whoever is judged."""
+        told = (self.name, self.version, self.attribution, self.matched, self.randomise, *self.cells)
+        return digest(*map(repr, told))
 
     @classmethod
     def load(cls, name: str | Path) -> "Study":
@@ -47,10 +60,6 @@ class Study:
             k: tuple(v) if isinstance(v, list) else v for k, v in si(table.pop("randomise", {})).items()
         }
         cells = tuple(Cell(**cell) for cell in table.pop("cell", ()))
-        if not cells:
-            raise ValueError(f"{path.name}: a study needs at least one [[cell]]")
-        if len({c.name for c in cells}) < len(cells):
-            raise ValueError(f"{path.name}: two cells have the same name")
         estimators = tuple(table.pop("estimators", ()))
         return cls(path.stem, cells=cells, estimators=estimators, randomise=Randomise(**draw), **table)
 

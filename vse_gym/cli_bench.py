@@ -1,0 +1,152 @@
+"""Commands that make and show tables: bench and report."""
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+
+from vse_gym.catalogue import ESTIMATORS
+from vse_gym.cli_check import TargetError, find
+from vse_gym.cli_screen import Jobs, bar, refuse, screen, sentences
+
+if TYPE_CHECKING:
+    import polars
+
+
+def bench(
+    study: Annotated[str, typer.Argument(help="A study's name, or the path of its TOML file.")],
+    estimators: Annotated[
+        str, typer.Option(help="Comma-separated names, or module:Class of your own; without it the study's own.")
+    ] = "",
+    seeds: Annotated[int | None, typer.Option(min=1, help="How many; without it the study's own.")] = None,
+    jobs: Jobs = 1,
+    out: Annotated[Path | None, typer.Option(help="Folder for finished cells, tables and figures.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what --out holds.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Throw away what --out holds.")] = False,
+    precision: Annotated[
+        float | None,
+        typer.Option(min=1e-3, help="Add seeds until every 95 % interval of mean regret reaches no farther than this."),
+    ] = None,
+    max_seeds: Annotated[int, typer.Option(min=1, help="Where --precision stops adding.")] = 200,
+    tunings: Annotated[
+        Path | None, typer.Option(help="A tunings file, or a folder of them, from `vse-gym tune`.")
+    ] = None,
+    backend: Annotated[str, typer.Option(help="loky: this machine; ray, dask: a cluster, or a local one.")] = "loky",
+) -> None:
+    """Drive a study and print its table, least regret first.
+
+    Regret is what it costs to see the car through an estimate and not by its true states. With --out, each finished
+    cell is kept at once: a run that was stopped or killed goes on with --resume and ends as if it never had been, and
+    so does one to which estimators or seeds are added. Ctrl-C stops early and shows what was driven until then.
+    """
+    from vse_gym.evaluation import Bench, Finished, Results, ResultsError, Study, contenders_of
+
+    begin, command = time.perf_counter(), " ".join(["vse-gym", *sys.argv[1:]])
+    stopped = False
+    if (resume or overwrite) and out is None:
+        raise refuse(ValueError("--resume and --overwrite need --out: the folder that they are about"))
+    if resume and overwrite:
+        raise refuse(ValueError("--resume keeps what there is and --overwrite throws it away: give one"))
+    try:
+        with sentences():
+            plan = Study.load(study)
+            judged = contenders_of(plan, _named(estimators), _tuned(tunings))
+            finished = Finished() if out is None else Results(out, plan, resume, overwrite)
+            if isinstance(finished, Results):
+                finished.describe(command, judged)
+    except ResultsError as error:
+        raise refuse(error) from None
+    for part in getattr(finished, "damaged", ()):
+        screen.print(f"[red]damaged, set aside and driven again:[/red] {escape(part)}", highlight=False)
+    work = Bench(plan, judged, seeds or plan.seeds, jobs, backend, finished)
+    try:
+        with sentences(), bar(f"{plan.name}: cells x seeds") as tell:
+            if precision is None:
+                work.drive(tell)
+            else:
+                work = work.drive_until(precision, max_seeds, tell)
+    except typer.Exit as stop:  # Ctrl-C shows what there is; a mistake or a full disk has been said
+        if stop.exit_code != STOPPED:
+            if out is not None:
+                screen.print(f"finished cells are in {escape(str(out))}: --resume goes on with them")
+            raise
+        stopped = True
+    try:
+        runs = finished.collect(judged) if stopped else work.runs
+    except ResultsError:
+        raise refuse(RuntimeError("stopped before the first cell was finished")) from None
+    show(runs, f"{plan.name}, version {plan.version}")
+    note = ", [red]stopped early[/red]" if stopped else ""
+    screen.print(f"{len(runs)} runs in {time.perf_counter() - begin:.1f} s{note}")
+    if precision is not None:
+        _say_precision(runs, precision, work.seeds)
+    if isinstance(finished, Results):
+        with sentences():
+            finished.finish(runs)
+            _write(runs, finished.folder, command)
+    if stopped:
+        raise typer.Exit(STOPPED)
+
+
+STOPPED = 130  # exit code of Ctrl-C
+
+
+def report(folder: Annotated[Path, typer.Argument(help="What `vse-gym bench --out` wrote.")]) -> None:
+    """Make the tables and figures of a results folder again, also of one whose run was killed."""
+    from vse_gym.evaluation import ResultsError, read_runs
+
+    try:
+        runs = read_runs(folder)
+    except ResultsError as error:
+        raise refuse(error) from None
+    show(runs, f"{runs['study'][0]}, version {runs['version'][0]}")
+    with sentences():
+        _write(runs, folder, f"vse-gym report {folder}")
+
+
+def show(runs: "polars.DataFrame", title: str) -> None:
+    """The tables of a study on the screen."""
+    from vse_gym import report
+
+    screen.print(report.on_screen(*report.cells_of(report.summary(runs), narrow=True), title=escape(title), whole=3))
+    screen.print(report.LEGEND, style="dim", highlight=False)
+    screen.print(report.on_screen(*report.by_cell(runs), title="regret by cell"))
+    for line in report.reasons(runs):
+        screen.print(escape(line), style="red", highlight=False)
+
+
+def _write(runs: "polars.DataFrame", folder: Path, command: str) -> None:
+    from vse_gym import report
+
+    with screen.status("drawing"):
+        report.write_tables(runs, folder, command)
+    screen.print(f"written: {escape(str(folder))}")
+
+
+def _say_precision(runs: "polars.DataFrame", asked: float, seeds: int) -> None:
+    from vse_gym.report.statistics import precision
+
+    reached = precision(runs)
+    word = "reached" if reached <= asked else "[red]not reached[/red]"
+    screen.print(f"precision {asked:g} {word}: {reached:.3f} with {seeds} seeds", highlight=False)
+
+
+def _named(estimators: str) -> list[Any] | None:
+    """Names as they are, module:Class as an instance."""
+    names = [name.strip() for name in estimators.split(",") if name.strip()]
+    try:
+        return [name if ":" not in name else next(iter(find(name))) for name in names] or None
+    except TargetError as error:
+        raise ValueError(str(error)) from error
+
+
+def _tuned(path: Path | None) -> dict[str, tuple[Any, str]]:
+    if path is None:
+        return {}
+    from vse_gym.evaluation.tunings import load_folder
+
+    tuned = load_folder(path)
+    return {name: (tuning.make(), tuning.label) for name, tuning in tuned.items() if name in ESTIMATORS}

@@ -1,0 +1,160 @@
+"""Driving a study: what is missing, in parallel, kept as it comes."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vse_gym.catalogue import ESTIMATORS
+from vse_gym.estimators.base import Estimator
+from vse_gym.evaluation.cells import Cell
+from vse_gym.evaluation.contenders import Contender, Judged, contenders
+from vse_gym.evaluation.parallel import in_parallel
+from vse_gym.evaluation.results import Finished, Results
+from vse_gym.evaluation.runs import run_cell
+from vse_gym.evaluation.study import Study
+
+if TYPE_CHECKING:
+    import polars
+
+Progress = Callable[[int, int], None]
+MOST_SEEDS = 200  # where adding seeds for a precision stops
+
+
+def quiet(done: int, total: int) -> None:
+    """Progress that nobody wants to see."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A study with those whom it judges, and how it is driven.
+
+    Raises:
+        ValueError: If there are fewer seeds than one.
+    """
+
+    study: Study
+    judged: tuple[Contender, ...]
+    seeds: int
+    jobs: int = 1
+    backend: str = "loky"
+    finished: Finished = field(default_factory=Finished)  # where finished cells are kept
+
+    def __post_init__(self) -> None:
+        if self.seeds < 1:
+            raise ValueError(f"seeds must be at least 1, not {self.seeds}")
+
+    def tasks(self) -> list[tuple[Study, Cell, int, tuple[Contender, ...], bool]]:
+        """Arguments of every call of :func:`run_cell` that is still to be made."""
+        out = []
+        for seed in self.numbers:  # seeds first: an early end leaves whole seeds, which can be compared
+            for cell in self.study.cells:
+                lacking, potential = self.finished.missing(cell.name, seed, self.judged)
+                if lacking or potential:
+                    out.append((self.study, cell, seed, lacking, potential))
+        return out
+
+    @property
+    def numbers(self) -> range:
+        """The seeds that are driven."""
+        return range(self.study.first_seed, self.study.first_seed + self.seeds)
+
+    @property
+    def runs(self) -> "polars.DataFrame":
+        """The table of what is finished.
+
+        Raises:
+            ResultsError: If nothing is.
+        """
+        return self.finished.collect(self.judged, self.numbers)
+
+    def drive(self, progress: Progress = quiet) -> None:
+        """Drive what is missing.
+
+        Args:
+            progress: Is told how many of how many cells and seeds are finished.
+
+        Raises:
+            ValueError: If a cell cannot be driven.
+            OSError: If what is finished cannot be kept.
+        """
+        tasks = self.tasks()
+        total = len(self.study.cells) * self.seeds
+        done = total - len(tasks)
+        progress(done, total)
+        for rows in in_parallel(run_cell, tasks, self.jobs, self.backend):
+            self.finished.add(rows)
+            done += 1
+            progress(done, total)
+
+    def drive_until(self, precision: float, most: int = MOST_SEEDS, progress: Progress = quiet) -> "Bench":
+        """Drive, adding seeds until the interval of each mean regret is as narrow as asked, or there are ``most``.
+
+        Every stage depends on finished rows alone, so that a run that is gone on with adds the seeds that an unbroken
+        one would.
+
+        Args:
+            precision: Half width of the widest 95 % interval [regret].
+            most: Seeds.
+            progress: As of :meth:`drive`.
+
+        Returns:
+            The bench with the seeds that it took.
+        """
+        from vse_gym.report.statistics import precision as half_width
+
+        self.drive(progress)
+        reached = half_width(self.runs)
+        if reached <= precision or self.seeds >= most:
+            return self
+        more = replace(self, seeds=seeds_for(precision, reached, self.seeds, most))
+        return more.drive_until(precision, most, progress)
+
+
+def seeds_for(precision: float, reached: float, seeds: int, most: int) -> int:
+    """How many seeds an interval of half width ``precision`` will need, given what ``seeds`` of them have reached.
+
+    The half width falls with the root of the number; a tenth is added, at most as many again are, and at least one is.
+    """
+    wanted = math.ceil(1.1 * seeds * (reached / precision) ** 2) if math.isfinite(reached) else 2 * seeds
+    return min(most, max(seeds + 1, min(2 * seeds, wanted)))
+
+
+def evaluate(
+    study: Study | str,
+    estimators: Judged | None = None,
+    seeds: int | None = None,
+    jobs: int = 1,
+    tunings: Mapping[str, tuple[Estimator, str]] | None = None,
+    out: Path | str | None = None,
+) -> "polars.DataFrame":
+    """One row per cell, seed and estimator, sorted; columns ``loop_*`` and ``shadow_*``, see :mod:`vse_gym.metrics`.
+
+    Args:
+        study: A study or its name.
+        estimators: Names, instances, or a mapping from row names to either; None: the study's own.
+        seeds: How many, from the study's first on; None: the study's own.
+        jobs: Processes.
+        tunings: For names of the catalogue, the estimator to take in place of its default and what to call that.
+        out: A folder: finished cells are kept there, and those that it has already are not driven again.
+    """
+    study = Study.load(study) if isinstance(study, str) else study
+    judged = contenders_of(study, estimators, tunings)
+    finished = Finished() if out is None else Results(Path(out), study, resume=True)
+    if isinstance(finished, Results):
+        finished.describe(f"evaluate({study.name!r})", judged)
+    bench = Bench(study, judged, study.seeds if seeds is None else seeds, jobs, finished=finished)
+    bench.drive()
+    runs = bench.runs
+    if isinstance(finished, Results):
+        finished.finish(runs)
+    return runs
+
+
+def contenders_of(
+    study: Study, estimators: Judged | None = None, tunings: Mapping[str, tuple[Estimator, str]] | None = None
+) -> tuple[Contender, ...]:
+    """Whom a study judges: these, else its own, else all that have a name."""
+    named: Judged = estimators if estimators is not None else study.estimators or tuple(ESTIMATORS)
+    return contenders(named, tunings, study.attribution)

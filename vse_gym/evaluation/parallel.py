@@ -1,0 +1,60 @@
+"""Many independent calls at once, on this machine or a cluster; results as they come."""
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
+from typing import Any
+
+from joblib import Parallel, delayed, parallel_config
+
+BACKENDS = ("loky", "ray", "dask")
+BATCH = 4  # calls per process between two looks at what has come, where a backend gives no stream of results
+
+
+def in_parallel(
+    function: Callable[..., Any], calls: Sequence[tuple[Any, ...]], jobs: int = 1, backend: str = "loky"
+) -> Iterator[Any]:
+    """What ``function`` gives for each tuple of arguments, in no order.
+
+    Args:
+        function: Can be pickled, as its arguments and results can.
+        calls: Arguments of each call.
+        jobs: Processes; -1: all cores.
+        backend: "loky": processes of this machine. "ray", "dask": a cluster that is connected already, or a local
+            one; needs the extra [cluster].
+
+    Raises:
+        ValueError: If there is no such backend.
+        ModuleNotFoundError: If its library is not installed.
+    """
+    if backend not in BACKENDS:
+        raise ValueError(f"backend must be one of {', '.join(BACKENDS)}, not {backend!r}")
+    if backend == "loky" and jobs == 1:  # no process needs be started, none pickled to
+        yield from (function(*call) for call in calls)
+        return
+    _ready(backend)
+    with parallel_config(backend=backend, n_jobs=jobs):
+        if backend != "ray":
+            yield from Parallel(return_as="generator_unordered")(delayed(function)(*call) for call in calls)
+            return
+        waiting = iter(calls)  # joblib over Ray gives lists alone
+        with Parallel() as work:
+            while batch := list(islice(waiting, BATCH * max(1, work._effective_n_jobs()))):
+                yield from work(delayed(function)(*call) for call in batch)
+
+
+def _ready(backend: str) -> None:
+    """Make a backend known to joblib; Dask's is, once its client exists."""
+    try:
+        if backend == "ray":
+            from ray.util.joblib import register_ray
+
+            register_ray()
+        elif backend == "dask":
+            from distributed import Client, get_client
+
+            try:
+                get_client()
+            except ValueError:
+                Client(processes=True)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(f"backend {backend!r} needs {error.name}: pip install 'vse-gym[cluster]'") from None

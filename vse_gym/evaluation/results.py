@@ -1,0 +1,256 @@
+"""A folder of results: each finished cell is a file at once, and what was begun can be gone on with.
+
+run.json         what is driven, and whence the rows come
+parts/           a file per finished cell and seed; its name ends with a digest of its bytes
+runs.parquet     all rows, sorted; the same for everybody who drives the same
+times.parquet    what differs between two runs of the same drive: times and the machine
+"""
+
+import io
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from hashlib import blake2b
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vse_gym.evaluation.contenders import POTENTIAL, Contender
+from vse_gym.evaluation.provenance import commit, package_version, source_digest
+from vse_gym.evaluation.runs import KEYS, TIMES, Row, table
+from vse_gym.evaluation.study import Study
+
+if TYPE_CHECKING:
+    import polars
+
+FORMAT = 1
+FIRST = ("cell", "seed", "estimator", "parent", "part", "tuning", "regret")  # columns that a reader looks for
+
+
+class ResultsError(Exception):
+    """A folder that cannot be used as asked; the message says why and what can be done."""
+
+
+class Finished:
+    """Finished cells, in memory."""
+
+    def __init__(self) -> None:
+        self._parts: dict[tuple[str, int], list[polars.DataFrame]] = {}
+
+    def missing(self, cell: str, seed: int, contenders: Sequence[Contender]) -> tuple[tuple[Contender, ...], bool]:
+        """Who has no row yet of a cell and seed, and whether the car without control lacks one."""
+        had: set[tuple[str, str]] = set()
+        for part in self._parts.get((cell, seed), ()):
+            had.update(part.select("estimator", "tuning_digest").iter_rows())
+        lacking = tuple(c for c in contenders if (c.name, c.columns["tuning_digest"]) not in had)
+        return lacking, (POTENTIAL, "") not in had
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Keep the rows of one cell and seed."""
+        self._shelve(table(rows))
+
+    def _shelve(self, frame: "polars.DataFrame") -> None:
+        self._parts.setdefault((str(frame["cell"][0]), int(frame["seed"][0])), []).append(frame)
+
+    def collect(self, contenders: Sequence[Contender], seeds: Sequence[int] | None = None) -> "polars.DataFrame":
+        """All rows of these contenders, and of these seeds alone if given, as one sorted table with its times.
+
+        Raises:
+            ResultsError: If there are none.
+        """
+        import polars
+
+        frames = [part for key in sorted(self._parts) for part in self._parts[key]]
+        if not frames:
+            raise ResultsError("no cell is finished")
+        rows = _in_order(frames, [(c.name, c.columns["tuning_digest"]) for c in contenders])
+        return rows if seeds is None else rows.filter(polars.col("seed").is_in(list(seeds)))
+
+
+class Results(Finished):
+    """Finished cells of one study in a folder.
+
+    Args:
+        folder: Made if there is none.
+        study: What is driven.
+        resume: Go on with what is there.
+        overwrite: Throw away what is there.
+
+    Raises:
+        ResultsError: If the folder holds results and is to be neither resumed nor overwritten, or they are of another
+            study or another version of the code.
+    """
+
+    def __init__(self, folder: Path, study: Study, resume: bool = False, overwrite: bool = False):
+        super().__init__()
+        self.folder, self.study = folder, study
+        self.damaged: list[str] = []  # parts that were found unreadable and set aside
+        if folder.exists() and not folder.is_dir():
+            raise ResultsError(f"{folder} is a file: results go into a folder")
+        begun = self._manifest.exists()
+        if begun and overwrite:
+            self._clear()
+        elif begun and not resume:
+            held = _read_manifest(self._manifest).get("study", "another study")
+            raise ResultsError(
+                f"{folder} holds results of {held} already: --resume goes on with them, --overwrite throws them away"
+            )
+        elif begun:
+            self._check(_read_manifest(self._manifest))
+        self._shelf.mkdir(parents=True, exist_ok=True)
+        self._read()
+
+    @property
+    def _manifest(self) -> Path:
+        return self.folder / "run.json"
+
+    @property
+    def _shelf(self) -> Path:
+        return self.folder / "parts"
+
+    def describe(self, command: str, contenders: Sequence[Contender]) -> None:
+        """Write down what is driven, by whom, with which command.
+
+        Raises:
+            OSError: If it cannot be written.
+        """
+        told = {
+            "format": FORMAT,
+            "study": self.study.name,
+            "version": self.study.version,
+            "study_digest": self.study.digest,
+            "package": package_version(),
+            "commit": commit(),
+            "source": source_digest(),
+            "command": command,
+            "tunings": {c.name: [c.tuning, c.columns["tuning_digest"]] for c in contenders},
+        }
+        _write(self._manifest, (json.dumps(told, indent=1) + "\n").encode())
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Keep the rows of one cell and seed: whole or not at all, whatever happens meanwhile.
+
+        Raises:
+            OSError: If it cannot be written; what was there before stays.
+        """
+        frame, buffer = table(rows), io.BytesIO()
+        frame.write_parquet(buffer)
+        cell, seed = str(frame["cell"][0]), int(frame["seed"][0])
+        name = f"{re.sub(r'[^a-z0-9]+', '-', cell.lower()).strip('-')}-{seed:04d}-{_digest(buffer.getvalue())}.parquet"
+        _write(self._shelf / name, buffer.getvalue())
+        self._shelve(frame)
+
+    def finish(self, runs: "polars.DataFrame") -> None:
+        """Write the table of runs, and the table of times beside it.
+
+        Raises:
+            OSError: If they cannot be written.
+        """
+        times = [c for c in TIMES if c in runs.columns]
+        for name, frame in (("runs", runs.drop(times)), ("times", runs.select(*KEYS, *times))):
+            buffer = io.BytesIO()
+            frame.write_parquet(buffer)
+            _write(self.folder / f"{name}.parquet", buffer.getvalue())
+
+    def _check(self, held: Mapping[str, Any]) -> None:
+        own = {"format": FORMAT, "study_digest": self.study.digest, "source": source_digest()}
+        what = {
+            "format": "in another format",
+            "study_digest": f"of {held.get('study')} with other cells or draws",
+            "source": f"of another state of the code (commit {held.get('commit') or 'unknown'})",
+        }
+        for key, value in own.items():
+            if held.get(key) != value:
+                raise ResultsError(
+                    f"{self.folder} cannot be resumed, its results are {what[key]}: choose another folder, or "
+                    "--overwrite them"
+                )
+
+    def _read(self) -> None:
+        import polars
+
+        for path in sorted(self._shelf.iterdir()):
+            if path.name.startswith("."):  # a run was killed while it wrote
+                path.unlink()
+                continue
+            if path.suffix != ".parquet":
+                continue
+            content = path.read_bytes()
+            if path.stem.rpartition("-")[2] != _digest(content):
+                aside = path.with_suffix(".damaged")
+                path.replace(aside)
+                self.damaged.append(str(aside))
+                continue
+            self._shelve(polars.read_parquet(io.BytesIO(content)))
+
+    def _clear(self) -> None:
+        for path in (*self._shelf.glob("*"), *self.folder.glob("*.parquet"), self._manifest):
+            path.unlink(missing_ok=True)
+
+
+def read_runs(folder: Path) -> "polars.DataFrame":
+    """The table of a results folder with its times; of one whose run was killed, what had been finished.
+
+    Raises:
+        ResultsError: If there is none, or it cannot be read.
+    """
+    import polars
+
+    if not folder.is_dir():
+        raise ResultsError(f"there is no folder {folder}")
+    runs, times = folder / "runs.parquet", folder / "times.parquet"
+    try:
+        if not runs.exists():
+            return _unfinished(folder)
+        table = polars.read_parquet(runs)
+        return table.join(polars.read_parquet(times), on=KEYS, how="left") if times.exists() else table
+    except (polars.exceptions.PolarsError, OSError) as error:
+        raise ResultsError(f"{folder} cannot be read: {error}") from error
+
+
+def _unfinished(folder: Path) -> "polars.DataFrame":
+    """What a run had finished when it was killed."""
+    import polars
+
+    frames = [polars.read_parquet(path) for path in sorted((folder / "parts").glob("*.parquet"))]
+    if not frames:
+        raise ResultsError(f"{folder} holds neither runs.parquet nor any finished cell")
+    tunings = _read_manifest(folder / "run.json").get("tunings", {})
+    return _in_order(frames, [(name, digest) for name, (_, digest) in tunings.items()])
+
+
+def _in_order(frames: Sequence["polars.DataFrame"], asked: Sequence[tuple[str, str]]) -> "polars.DataFrame":
+    """One sorted table of the rows of these estimators, each by its name and tuning, and of the car without control."""
+    import polars
+
+    keys = polars.DataFrame([*asked, (POTENTIAL, "")], schema=["estimator", "tuning_digest"], orient="row")
+    rows = polars.concat(frames, how="diagonal_relaxed").join(keys, on=keys.columns, how="semi")
+    ordered = [c for c in FIRST if c in rows.columns]
+    ordered += sorted(set(rows.columns) - set(ordered))
+    return rows.select(ordered).unique(KEYS, keep="last", maintain_order=True).sort(KEYS)
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResultsError(f"{path} cannot be read: {error}; --overwrite begins anew") from error
+    return told if isinstance(told, dict) else {}
+
+
+def _digest(content: bytes) -> str:
+    return blake2b(content, digest_size=6).hexdigest()
+
+
+def _write(path: Path, content: bytes) -> None:
+    """A file that is there whole or not at all."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
