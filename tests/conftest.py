@@ -150,3 +150,32 @@ def linear_drive(linear):
         m, P = m + K @ (readings[k, ~silent] - heard @ m), P - K @ heard @ P
         means[k], covs[k] = m, P
     return LinearDrive(inputs, readings, means, covs)
+
+
+# A study that is driven in a second, as a file
+TOML = """# Two short drives.
+version = 1
+seeds = 2
+estimators = ["truth", "ekf"]
+[randomise]
+speed_kmh = 3
+mass = [1.0, 1.25]
+[[cell]]
+name = "held, slippery"
+manoeuvre = "held_steer"
+sensors = "outliers"
+settings = { friction = 0.5, duration = 1.0 }
+[[cell]]
+name = "straight on"
+benign = true
+manoeuvre = "straight_driving"
+controller = "sideslip_esc"
+settings = { duration = 1.0 }
+"""
+
+
+@pytest.fixture
+def study_file(tmp_path):
+    path = tmp_path / "brief.toml"
+    path.write_text(TOML)
+    return path

@@ -9,17 +9,15 @@ import pytest
 
 from vse_gym.controllers.base import Controller
 from vse_gym.env import StabilityControlEnv
-from vse_gym.estimators.anchors import ZeroSideslip
 from vse_gym.estimators.base import Estimator
 from vse_gym.estimators.gaussian import ExtendedKalmanFilter
-from vse_gym.evaluation import Cell, Randomise, Study, evaluate, run_cell, study_names
+from vse_gym.evaluation import TIMES, Cell, Randomise, Study, contenders, evaluate, run_cell, study_names
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
 from vse_gym.report import by_cell, cells_of, markdown, reasons, summary, write
 from vse_gym.simulation import rollout, scenario
 from vse_gym.types import BrakeDemand, Estimate
 
-TIMES = ["shadow_update_us", "loop_update_us"]
 RANDOM = Randomise(speed=1.0, steer=0.1, friction=0.03, mass=(1.0, 1.25), stiffness=(0.75, 1.0))
 
 
@@ -60,7 +58,7 @@ def test_two_processes_give_the_same_table_as_one():
 def test_renaming_and_reordering_estimators_changes_nothing():
     named = evaluate(short(), {"b": "ekf", "a": "kinematic"})
     plain = evaluate(short(), ["kinematic", "ekf"])
-    renamed = named.with_columns(pl.col("estimator").replace({"b": "ekf", "a": "kinematic"}))
+    renamed = named.with_columns(pl.col("estimator", "parent").replace({"b": "ekf", "a": "kinematic"}))
     keys = ["cell", "seed", "estimator"]
     assert renamed.sort(keys).drop(TIMES).equals(plain.sort(keys).drop(TIMES), null_equal=True)
 
@@ -103,7 +101,7 @@ def test_a_seed_whose_truth_drive_ends_badly_is_replaced_and_counted():
     study = short(amplitude_deg=270, friction=0.9, duration=6.0)
     cell = Cell("hopeless", "sine_with_dwell", controller="none", settings=study.cells[0].settings)
     with pytest.raises(ValueError, match=r"hopeless.*spin"):
-        run_cell(study, cell, 0, {"ekf": ExtendedKalmanFilter()})
+        run_cell(study, cell, 0, contenders(["ekf"]))
     assert evaluate(short())["replaced"].sum() == 0
 
 
@@ -122,7 +120,7 @@ def test_in_shadow_an_estimator_hears_what_it_would_hear_beside_the_truth():
 def test_every_study_that_ships_can_be_driven(name):
     study = Study.load(name)
     for cell in study.cells:
-        rows = run_cell(study, cell, study.first_seed, {"zero": ZeroSideslip()})
+        rows = run_cell(study, cell, study.first_seed, contenders(["zero"]))
         assert [row["estimator"] for row in rows] == ["none", "zero"]
 
 

@@ -54,9 +54,7 @@ def bench(
         with sentences():
             plan = Study.load(study)
             judged = contenders_of(plan, _named(estimators), _tuned(tunings))
-            finished = Finished() if out is None else Results(out, plan, resume, overwrite)
-            if isinstance(finished, Results):
-                finished.describe(command, judged)
+            finished = Finished() if out is None else Results(out, plan, judged, command, resume, overwrite)
     except ResultsError as error:
         raise refuse(error) from None
     for part in getattr(finished, "damaged", ()):

@@ -141,9 +141,8 @@ def evaluate(
     """
     study = Study.load(study) if isinstance(study, str) else study
     judged = contenders_of(study, estimators, tunings)
-    finished = Finished() if out is None else Results(Path(out), study, resume=True)
-    if isinstance(finished, Results):
-        finished.describe(f"evaluate({study.name!r})", judged)
+    told = f"evaluate({study.name!r})"
+    finished = Finished() if out is None else Results(Path(out), study, judged, told, resume=True)
     bench = Bench(study, judged, study.seeds if seeds is None else seeds, jobs, finished=finished)
     bench.drive()
     runs = bench.runs

@@ -1,10 +1,11 @@
 """Who is judged: estimators by the names of their rows, and what tells two of them apart."""
 
-import inspect
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from hashlib import blake2b
+from pathlib import Path
+from sys import modules
 
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.anchors import Truth
@@ -28,11 +29,13 @@ def fingerprint(estimator: Estimator) -> str:
     kind = type(estimator)
     told = repr(estimator) if is_dataclass(estimator) else _state_of(estimator)
     inner = fingerprint(estimator.inner) if isinstance(estimator, Truth) and estimator.inner is not None else ""
-    try:
-        source = "" if kind.__module__.startswith("vse_gym.") else inspect.getsource(kind)
-    except (OSError, TypeError):  # typed at a prompt
-        source = ""
-    return digest(f"{kind.__module__}:{kind.__qualname__}", told, source, inner)
+    return digest(f"{kind.__module__}:{kind.__qualname__}", told, _source_of(kind), inner)
+
+
+def _source_of(kind: type) -> str:
+    """The whole module, since a class leans on what stands beside it; nothing of what was typed at a prompt."""
+    path = None if kind.__module__.startswith("vse_gym.") else getattr(modules.get(kind.__module__), "__file__", None)
+    return Path(path).read_text(encoding="utf-8", errors="replace") if path else ""
 
 
 def _state_of(estimator: Estimator) -> str:

@@ -73,15 +73,26 @@ class Results(Finished):
     Args:
         folder: Made if there is none.
         study: What is driven.
+        contenders: By whom.
+        command: With which command.
         resume: Go on with what is there.
         overwrite: Throw away what is there.
 
     Raises:
         ResultsError: If the folder holds results and is to be neither resumed nor overwritten, or they are of another
             study or another version of the code.
+        OSError: If it cannot be written.
     """
 
-    def __init__(self, folder: Path, study: Study, resume: bool = False, overwrite: bool = False):
+    def __init__(
+        self,
+        folder: Path,
+        study: Study,
+        contenders: Sequence[Contender] = (),
+        command: str = "",
+        resume: bool = False,
+        overwrite: bool = False,
+    ):
         super().__init__()
         self.folder, self.study = folder, study
         self.damaged: list[str] = []  # parts that were found unreadable and set aside
@@ -98,6 +109,7 @@ class Results(Finished):
         elif begun:
             self._check(_read_manifest(self._manifest))
         self._shelf.mkdir(parents=True, exist_ok=True)
+        self._describe(command, contenders)
         self._read()
 
     @property
@@ -108,12 +120,8 @@ class Results(Finished):
     def _shelf(self) -> Path:
         return self.folder / "parts"
 
-    def describe(self, command: str, contenders: Sequence[Contender]) -> None:
-        """Write down what is driven, by whom, with which command.
-
-        Raises:
-            OSError: If it cannot be written.
-        """
+    def _describe(self, command: str, contenders: Sequence[Contender]) -> None:
+        """Write down what is driven, by whom, with which command."""
         told = {
             "format": FORMAT,
             "study": self.study.name,

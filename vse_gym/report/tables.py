@@ -218,9 +218,14 @@ def _html(heads: list[str], rows: list[list[str]]) -> str:
 
 
 def write(runs: pl.DataFrame, folder: Path, command: str) -> None:
-    """The table of runs, the summary as Markdown; with the extra [report] a figure and a page too."""
+    """The table of runs, and what :func:`write_tables` writes."""
     folder.mkdir(parents=True, exist_ok=True)
     runs.write_parquet(folder / "runs.parquet")
+    write_tables(runs, folder, command)
+
+
+def write_tables(runs: pl.DataFrame, folder: Path, command: str) -> None:
+    """The summary as Markdown; with the extra [report] a figure and a page too."""
     seeds, cells = runs["seed"].n_unique(), runs["cell"].n_unique()
     text = [
         f"`{command}`: {cells} cells, {seeds} seeds.\n",
