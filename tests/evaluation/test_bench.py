@@ -1,5 +1,7 @@
 """Driving a study: how many seeds a precision takes, and the same rows from every kind of worker."""
 
+import sys
+
 import polars as pl
 import pytest
 
@@ -13,7 +15,7 @@ def square(x):
     return x * x
 
 
-@pytest.mark.parametrize("backend", ["loky", "ray"])
+@pytest.mark.parametrize("backend", ["loky", "dask"])
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning", "ignore::FutureWarning")
 def test_every_backend_gives_every_result_once(backend):
     calls = [(k,) for k in range(20)]
@@ -25,6 +27,12 @@ def test_a_study_on_a_local_ray_gives_the_table_that_one_process_gives(short):
     work = Bench(short, contenders(["truth", "ekf"]), 2, jobs=2, backend="ray")
     work.drive()
     assert work.runs.drop(TIMES).equals(evaluate(short).drop(TIMES), null_equal=True)
+
+
+def test_a_backend_whose_library_is_missing_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(ModuleNotFoundError, match=r"pip install 'vse-gym\[cluster\]'"):
+        list(in_parallel(square, [(1,)], 1, "ray"))
 
 
 def test_a_backend_that_does_not_exist_is_told_the_known():

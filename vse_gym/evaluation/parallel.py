@@ -1,10 +1,11 @@
 """Many independent calls at once, on this machine or a cluster; results as they come."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import islice
 from typing import Any
 
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 
 BACKENDS = ("loky", "ray", "dask")
 BATCH = 4  # calls per process between two looks at what has come, where a backend gives no stream of results
@@ -31,30 +32,44 @@ def in_parallel(
     if backend == "loky" and jobs == 1:  # no process needs be started, none pickled to
         yield from (function(*call) for call in calls)
         return
-    _ready(backend)
-    with parallel_config(backend=backend, n_jobs=jobs):
+    with _connected(backend, jobs), parallel_config(backend=backend, n_jobs=jobs):
         if backend != "ray":
             yield from Parallel(return_as="generator_unordered")(delayed(function)(*call) for call in calls)
             return
         waiting = iter(calls)  # joblib over Ray gives lists alone
         with Parallel() as work:
-            while batch := list(islice(waiting, BATCH * max(1, work._effective_n_jobs()))):
+            while batch := list(islice(waiting, BATCH * max(1, effective_n_jobs(jobs)))):
                 yield from work(delayed(function)(*call) for call in batch)
 
 
-def _ready(backend: str) -> None:
-    """Make a backend known to joblib; Dask's is, once its client exists."""
+@contextmanager
+def _connected(backend: str, jobs: int) -> Iterator[None]:
+    """A cluster that joblib knows: the one that is connected, else one of this machine for as long as it lasts."""
     try:
         if backend == "ray":
+            import ray
             from ray.util.joblib import register_ray
 
             register_ray()
+            own = not ray.is_initialized()
+            try:
+                yield
+            finally:
+                if own:
+                    ray.shutdown()
         elif backend == "dask":
             from distributed import Client, get_client
 
             try:
                 get_client()
-            except ValueError:
-                Client(processes=True)
+            except ValueError:  # there is none
+                with Client(n_workers=None if jobs < 0 else jobs, threads_per_worker=1, dashboard_address=None):
+                    yield
+            else:
+                yield
+        else:
+            yield
     except ModuleNotFoundError as error:
+        if error.name not in ("ray", "distributed"):
+            raise
         raise ModuleNotFoundError(f"backend {backend!r} needs {error.name}: pip install 'vse-gym[cluster]'") from None
