@@ -16,16 +16,16 @@ from vse_gym.estimators.anchors import Truth
 from vse_gym.estimators.base import Estimator
 from vse_gym.evaluation.cells import Cell
 from vse_gym.evaluation.contenders import POTENTIAL, Contender
+from vse_gym.evaluation.drawn import Drawn, draw
 from vse_gym.evaluation.provenance import commit, machine, package_version
 from vse_gym.evaluation.study import Study
 from vse_gym.replay import shadow
-from vse_gym.simulation import Scenario, rollout
+from vse_gym.simulation import rollout
 from vse_gym.types import Log
 
 if TYPE_CHECKING:
     import polars
 
-MOST_REPLACED = 20  # a cell whose truth drive ends badly this often in a row is no cell
 KEYS = ("cell", "seed", "estimator")
 TIMES = ("loop_update_us", "shadow_update_us", "seconds", "machine")  # what differs between two runs of the same drive
 
@@ -55,26 +55,18 @@ def run_cell(study: Study, cell: Cell, seed: int, contenders: Sequence[Contender
         ValueError: If the truth drive ends badly at every seed.
     """
     begin = perf_counter()
-    for replaced in range(MOST_REPLACED):
-        used = seed + 1_000_000 * replaced
-        scenario = cell.scenario(study.randomise, used)
-        truth = rollout(scenario, "truth", cell.controller, used)
-        if not truth.ended:
-            break
-    else:
-        why = f"with true states {cell.controller} ends badly ({truth.ended}) at every seed"
-        raise ValueError(f"cell {cell.name!r}: {why}")
-    head = heading(study, cell, seed) | {"replaced": replaced}
+    drawn = draw(study, cell, seed)
+    head = heading(study, cell, seed) | {"replaced": drawn.replaced}
     rows: list[Row] = []
     if potential:
-        alone = rollout(scenario, "truth", "none", used)
+        alone = rollout(drawn.scenario, "truth", "none", drawn.seed)
         names = Contender(POTENTIAL, ALONE).columns | {"tuning": "", "tuning_digest": ""}
-        rows.append(head | names | _loop(scenario, cell, alone, truth) | _took(begin))
+        rows.append(head | names | _loop(drawn, alone) | _took(begin))
     for contender in contenders:
         begin = perf_counter()
-        heard = _shadow(scenario, contender.estimator, truth, used)
-        log = rollout(scenario, contender.estimator, cell.controller, used)
-        rows.append(head | contender.columns | _loop(scenario, cell, log, truth) | heard | _took(begin))
+        heard = _shadow(drawn, contender.estimator)
+        log = rollout(drawn.scenario, contender.estimator, cell.controller, drawn.seed)
+        rows.append(head | contender.columns | _loop(drawn, log) | heard | _took(begin))
     return rows
 
 
@@ -101,19 +93,20 @@ def _took(begin: float) -> Row:
     return {"seconds": perf_counter() - begin, "machine": machine()}
 
 
-def _shadow(scenario: Scenario, estimator: Estimator, truth: Log, seed: int) -> Row:
+def _shadow(drawn: Drawn, estimator: Estimator) -> Row:
     """Columns of an estimator that listens to the truth's drive."""
-    heard = shadow(truth, estimator, scenario.nominal, seed)
-    e = metrics.errors(truth.truth, heard.estimate, heard.cov, heard.nis, heard.effective_size)
+    heard = shadow(drawn.truth, estimator, drawn.scenario.nominal, drawn.seed)
+    e = metrics.errors(drawn.truth.truth, heard.estimate, heard.cov, heard.nis, heard.effective_size)
     direct: Row = {f"shadow_{k}": v for k, v in metrics.direct(e).items()}
     if heard.ended:  # errors of the part that it survived would flatter it
         direct = {k: None if isinstance(v, float) else True for k, v in direct.items()}
     return direct | {"shadow_update_us": 1e6 * heard.seconds, "shadow_ended": heard.ended}
 
 
-def _loop(scenario: Scenario, cell: Cell, log: Log, truth: Log) -> dict[str, Any]:
+def _loop(drawn: Drawn, log: Log) -> Row:
     """Columns of a closed-loop drive."""
-    out: dict[str, Any] = {"loop_ended": log.ended, "loop_filled": " ".join(log.filled), "loop_passed": False}
+    scenario, truth = drawn.scenario, drawn.truth
+    out: Row = {"loop_ended": log.ended, "loop_filled": " ".join(log.filled), "loop_passed": False}
     if not len(log.time):  # an estimator that raises on the first reading has no drive to measure
         return out | _regret(metrics.ENDED_BADLY)
     out["loop_passed"] = scenario.manoeuvre.judge(log, scenario.nominal).passed
@@ -126,9 +119,9 @@ def _loop(scenario: Scenario, cell: Cell, log: Log, truth: Log) -> dict[str, Any
     out |= {"loop_path_deviation_m": metrics.path_deviation_m(log, truth)}
     unknown = np.full(len(log.time), math.nan)
     e = metrics.errors(log.truth, log.estimate, log.cov, log.nis, unknown)
-    own: dict[str, Any] = {k: v for k, v in metrics.direct(e).items() if k != "effective_size"}
+    own: Row = {k: v for k, v in metrics.direct(e).items() if k != "effective_size"}
     own["update_us"] = 1e6 * float(np.median(log.seconds))
-    return out | {f"loop_{k}": v for k, v in own.items()} | _regret(metrics.regret(log, truth, cell.benign))
+    return out | {f"loop_{k}": v for k, v in own.items()} | _regret(metrics.regret(log, truth, drawn.cell.benign))
 
 
 def _regret(regret: metrics.Regret) -> dict[str, float]:
