@@ -2,6 +2,8 @@
 
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,48 +47,46 @@ def bench(
     from vse_gym.evaluation import Bench, Finished, Results, ResultsError, Study, contenders_of
 
     begin, command = time.perf_counter(), " ".join(["vse-gym", *sys.argv[1:]])
-    stopped = False
     if (resume or overwrite) and out is None:
         raise refuse(ValueError("--resume and --overwrite need --out: the folder that they are about"))
     if resume and overwrite:
         raise refuse(ValueError("--resume keeps what there is and --overwrite throws it away: give one"))
-    try:
-        with sentences():
-            plan = Study.load(study)
-            judged = contenders_of(plan, _named(estimators), _tuned(tunings))
-            finished = Finished() if out is None else Results(out, plan, judged, command, resume, overwrite)
-    except ResultsError as error:
-        raise refuse(error) from None
+    with sentences(ResultsError):
+        plan = Study.load(study)
+        judged = contenders_of(plan, _named(estimators), _tuned(tunings))
+        finished = Finished() if out is None else Results(out, plan, judged, command, resume, overwrite)
     for part in getattr(finished, "damaged", ()):
         screen.print(f"[red]damaged, set aside and driven again:[/red] {escape(part)}", highlight=False)
     work = Bench(plan, judged, seeds or plan.seeds, jobs, backend, finished)
-    try:
-        with sentences(), bar(f"{plan.name}: cells x seeds") as tell:
-            if precision is None:
-                work.drive(tell)
-            else:
-                work = work.drive_until(precision, max_seeds, tell)
-    except typer.Exit as stop:  # Ctrl-C shows what there is; a mistake or a full disk has been said
-        if stop.exit_code != STOPPED:
-            if out is not None:
-                screen.print(f"finished cells are in {escape(str(out))}: --resume goes on with them")
-            raise
-        stopped = True
-    try:
-        runs = finished.collect(judged) if stopped else work.runs
-    except ResultsError:
-        raise refuse(RuntimeError("stopped before the first cell was finished")) from None
-    show(runs, f"{plan.name}, version {plan.version}")
-    note = ", [red]stopped early[/red]" if stopped else ""
-    screen.print(f"{len(runs)} runs in {time.perf_counter() - begin:.1f} s{note}")
-    if precision is not None:
-        _say_precision(runs, precision, work.seeds)
-    if isinstance(finished, Results):
-        with sentences():
+    stopped = False
+    with _kept_in(out):
+        try:
+            with bar(f"{plan.name}: cells x seeds") as tell:
+                work = work.drive(tell) if precision is None else work.drive_until(precision, max_seeds, tell)
+        except KeyboardInterrupt:
+            stopped = True
+        with sentences(ResultsError):
+            runs = finished.collect(judged) if stopped else work.runs
+        show(runs, f"{plan.name}, version {plan.version}")
+        note = ", [red]stopped early[/red]" if stopped else ""
+        screen.print(f"{len(runs)} runs in {time.perf_counter() - begin:.1f} s{note}")
+        if precision is not None:
+            _say_precision(runs, precision)
+        if isinstance(finished, Results):
             finished.finish(runs)
             _write(runs, finished.folder, command)
     if stopped:
         raise typer.Exit(STOPPED)
+
+
+@contextmanager
+def _kept_in(out: Path | None) -> Iterator[None]:
+    """What cannot be driven or written is a sentence, which says where the finished cells are."""
+    try:
+        yield
+    except (ValueError, OSError, ModuleNotFoundError) as error:
+        kept = "" if out is None else f"; finished cells are kept in {out}, --resume goes on with them"
+        raise refuse(RuntimeError(f"{error}{kept}")) from None
 
 
 STOPPED = 130  # exit code of Ctrl-C
@@ -96,10 +96,8 @@ def report(folder: Annotated[Path, typer.Argument(help="What `vse-gym bench --ou
     """Make the tables and figures of a results folder again, also of one whose run was killed."""
     from vse_gym.evaluation import ResultsError, read_runs
 
-    try:
+    with sentences(ResultsError):
         runs = read_runs(folder)
-    except ResultsError as error:
-        raise refuse(error) from None
     show(runs, f"{runs['study'][0]}, version {runs['version'][0]}")
     with sentences():
         _write(runs, folder, f"vse-gym report {folder}")
@@ -124,12 +122,12 @@ def _write(runs: "polars.DataFrame", folder: Path, command: str) -> None:
     screen.print(f"written: {escape(str(folder))}")
 
 
-def _say_precision(runs: "polars.DataFrame", asked: float, seeds: int) -> None:
+def _say_precision(runs: "polars.DataFrame", asked: float) -> None:
     from vse_gym.report.statistics import precision
 
     reached = precision(runs)
     word = "reached" if reached <= asked else "[red]not reached[/red]"
-    screen.print(f"precision {asked:g} {word}: {reached:.3f} with {seeds} seeds", highlight=False)
+    screen.print(f"precision {asked:g} {word}: {reached:.3f} with {runs['seed'].n_unique()} seeds", highlight=False)
 
 
 def _named(estimators: str) -> list[Any] | None:

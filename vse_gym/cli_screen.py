@@ -27,11 +27,11 @@ def refuse(error: Exception) -> typer.Exit:
 
 
 @contextmanager
-def sentences() -> Iterator[None]:
-    """Names and settings that cannot be are a sentence and exit code 2; Ctrl-C is one and 130."""
+def sentences(*others: type[Exception]) -> Iterator[None]:
+    """Names and settings that cannot be, and other errors, are a sentence and exit code 2; Ctrl-C is one and 130."""
     try:
         yield
-    except (KeyError, ValueError, TypeError, OSError, ModuleNotFoundError) as error:
+    except (KeyError, ValueError, TypeError, OSError, ModuleNotFoundError, *others) as error:
         raise refuse(error) from None
     except KeyboardInterrupt:
         Console(stderr=True).print("stopped", highlight=False)

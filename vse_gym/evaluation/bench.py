@@ -69,8 +69,8 @@ class Bench:
         """
         return self.finished.collect(self.judged, self.numbers)
 
-    def drive(self, progress: Progress = quiet) -> None:
-        """Drive what is missing.
+    def drive(self, progress: Progress = quiet) -> "Bench":
+        """Drive what is missing; itself.
 
         Args:
             progress: Is told how many of how many cells and seeds are finished.
@@ -87,6 +87,7 @@ class Bench:
             self.finished.add(rows)
             done += 1
             progress(done, total)
+        return self
 
     def drive_until(self, precision: float, most: int = MOST_SEEDS, progress: Progress = quiet) -> "Bench":
         """Drive, adding seeds until the interval of each mean regret is as narrow as asked, or there are ``most``.
