@@ -68,8 +68,10 @@ def _means(axes: Any, found: Answer, row: dict[str, Any], looks: dict[str, dict[
     _frame(axes, mine["error"].to_numpy())
     axes.set_xlabel(ERROR_LABEL)
     axes.set_ylabel(REGRET_LABEL)
-    rho = f"rank correlation {row['spearman']:.2f} ({row['spearman_low']:.2f} to {row['spearman_high']:.2f})"
-    axes.set_title(f"{row['controller']}: {rho}", fontsize=10)
+    ends = f"{row['spearman_low']:.2f} to {row['spearman_high']:.2f} over seeds"
+    if row["spearman_cells_low"] == row["spearman_cells_low"]:
+        ends += f", {row['spearman_cells_low']:.2f} to {row['spearman_cells_high']:.2f} over cells too"
+    axes.set_title(f"{row['controller']}: rank correlation {row['spearman']:.2f}\n({ends})", fontsize=10)
     bottom, top = axes.get_ylim()
     heights = _spread_out((mine["regret"].to_numpy() - bottom) / (top - bottom))
     for height, r in zip(heights, mine.iter_rows(named=True), strict=True):
@@ -118,7 +120,7 @@ def _cell(axes: Any, found: Answer, row: dict[str, Any], looks: dict[str, dict[s
     if len(pairs):
         less, more = pairs.select("less_error", "more_error").row(0)
         lines[1] += f", pairs that mislead: {len(pairs)}"
-        lines.append(f"most: {less} errs less than {more}, has more regret")
+        lines.append(f"most: {less}, {more}")
     axes.set_title("\n".join(lines), fontsize=8)
     axes.tick_params(labelsize=7)
 
