@@ -47,10 +47,10 @@ class Answer(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """Errors and regrets, paired, (E, S, C)."""
+    """Errors and regrets, paired."""
 
     error: Cube
-    regret: Array
+    regret: Cube
 
 
 def answer(runs: pl.DataFrame, leave_out: Collection[str] | None = None) -> Answer:
@@ -78,7 +78,7 @@ def answer(runs: pl.DataFrame, leave_out: Collection[str] | None = None) -> Answ
     left_out = {POTENTIAL} | (anchors(runs) if leave_out is None else set(leave_out))
     left_out &= set(runs["estimator"])
     scopes = list(_scopes(_with_worst(complete(runs.filter(~pl.col("estimator").is_in(list(left_out)))))))
-    pairs = [(name, _pair(part, ERROR)) for name, part in scopes]
+    pairs = [(name, Pair(*_known(part, ERROR, "regret"))) for name, part in scopes]
     for name, pair in pairs:
         if len(names := pair.error.estimators) < 3:
             why = f"under {name!r} {sorted(names)} have a shadow error in every run and do not see the truth"
@@ -118,12 +118,12 @@ def _scopes(runs: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:
         yield str(name), parts[(name,)]
 
 
-def _pair(runs: pl.DataFrame, column: str) -> Pair:
-    """A column and the regret of the estimators that have both in every run."""
-    error, regret = cube(runs, column), cube(runs)
-    known = np.asarray(np.isfinite(error.values + regret.values).all(axis=(1, 2)))
-    names = tuple(name for name, k in zip(error.estimators, known, strict=True) if k)
-    return Pair(error._replace(estimators=names, values=error.values[known]), regret.values[known])
+def _known(runs: pl.DataFrame, *columns: str) -> tuple[Cube, ...]:
+    """Columns of the estimators that have all of them in every run."""
+    cubes = [cube(runs, column) for column in columns]
+    known = np.isfinite(sum(c.values for c in cubes)).all(axis=(1, 2))
+    names = tuple(np.array(cubes[0].estimators)[known].tolist())
+    return tuple(c._replace(estimators=names, values=c.values[known]) for c in cubes)
 
 
 def _drawn(values: Array, seeds: Indices, cells: Indices) -> Array:
@@ -132,11 +132,10 @@ def _drawn(values: Array, seeds: Indices, cells: Indices) -> Array:
 
 
 def _overall(name: str, pair: Pair) -> dict[str, Any]:
-    error, regret = pair
-    estimators, seeds, cells = error.values.shape
+    estimators, seeds, cells = pair.error.values.shape
 
     def both(seeds: Indices, cells: Indices) -> Array:
-        x, y = (_drawn(v, seeds, cells) for v in (error.values, regret))
+        x, y = (_drawn(of.values, seeds, cells) for of in pair)
         return np.stack([spearman(x, y), kendall(x, y)], axis=-1)
 
     every = np.arange(cells)[None]
@@ -150,7 +149,7 @@ def _overall(name: str, pair: Pair) -> dict[str, Any]:
 
 
 def _means(name: str, pair: Pair) -> list[dict[str, Any]]:
-    ends = [seed_interval(values.mean(axis=2)) for values in (pair.error.values, pair.regret)]
+    ends = [seed_interval(of.by_seed) for of in pair]
     rows = []
     for k, estimator in enumerate(pair.error.estimators):
         row: dict[str, Any] = {"controller": name, "estimator": estimator}
@@ -161,11 +160,11 @@ def _means(name: str, pair: Pair) -> list[dict[str, Any]]:
 
 
 def _by_cell(name: str, pair: Pair) -> list[dict[str, Any]]:
-    error, regret = (np.round(v.mean(axis=1), DIGITS).T for v in (pair.error.values, pair.regret))
+    error, regret = (np.round(of.values.mean(axis=1), DIGITS).T for of in pair)
     rho, tau = spearman(error, regret), kendall(error, regret)
     of_error, of_regret = (np.lexsort(keys, axis=-1)[:, 0] for keys in ((regret, error), (error, regret)))
     at = np.arange(len(error))
-    paired = pair.regret[of_error, :, at] - pair.regret[of_regret, :, at]  # (C, S)
+    paired = pair.regret.values[of_error, :, at] - pair.regret.values[of_regret, :, at]  # (C, S)
     more = seed_interval(np.round(paired, DIGITS))
     names = pair.error.estimators
     return [
@@ -186,7 +185,7 @@ def _by_cell(name: str, pair: Pair) -> list[dict[str, Any]]:
 
 
 def _cell_means(name: str, pair: Pair) -> list[dict[str, Any]]:
-    error, regret = (v.mean(axis=1) for v in (pair.error.values, pair.regret))
+    error, regret = (of.values.mean(axis=1) for of in pair)
     return [
         {"controller": name, "cell": cell, "estimator": estimator, "error": error[e, c], "regret": regret[e, c]}
         for c, cell in enumerate(pair.error.cells)
@@ -195,7 +194,7 @@ def _cell_means(name: str, pair: Pair) -> list[dict[str, Any]]:
 
 
 def _repeats(name: str, pair: Pair) -> dict[str, Any]:
-    error, regret = (np.round(v, DIGITS) for v in (pair.error.values, pair.regret))
+    error, regret = (np.round(of.values, DIGITS) for of in pair)
 
     def mean(seeds: Indices) -> Array:
         rho = spearman(*(np.moveaxis(v[:, seeds], (1, 2), (0, 3)) for v in (error, regret)))
@@ -220,13 +219,15 @@ MISLEADING = {
 def _misleading(cells: list[tuple[str, Pair]]) -> pl.DataFrame:
     """Differences of A, with less error, to B in a cell; both intervals clear of 0, the largest regret first."""
     rows = []
-    for name, (error, regret) in cells:
-        d_error, d_regret = (np.round(v[:, None] - v[None], DIGITS) for v in (error.values, regret))  # (E, E, S, C)
+    for name, pair in cells:
+        d_error, d_regret = (np.round(of.values[:, None] - of.values[None], DIGITS) for of in pair)  # (E, E, S, C)
         found = np.argwhere((d_error.mean(axis=2) < 0) & (d_regret.mean(axis=2) > 0))
+        if not len(found):
+            continue
         a, b, c = found.T
         less, more = (seed_interval(d[a, b, :, c]) for d in (d_error, d_regret))
         for k in np.flatnonzero((less.high < 0) & (more.low > 0)):
-            who = (error.cells[c[k]], error.estimators[a[k]], error.estimators[b[k]])
+            who = (pair.error.cells[c[k]], *(pair.error.estimators[end[k]] for end in (a, b)))
             rows.append((name, *who, *(end[k] for end in less), *(end[k] for end in more)))
     frame = pl.DataFrame(rows, schema=MISLEADING, orient="row")
     return frame.sort("regret", "cell", "less_error", "more_error", descending=[True, False, False, False])
@@ -234,20 +235,21 @@ def _misleading(cells: list[tuple[str, Pair]]) -> pl.DataFrame:
 
 def _predictor(name: str, runs: pl.DataFrame, column: str) -> dict[str, Any]:
     """Rank correlation of a metric's means with regret's, beside that of sideslip's RMSE over the same estimators."""
-    pair = _pair(runs, column)
-    estimators, seeds, cells = pair.error.values.shape
-    usual = _pair(runs.filter(pl.col("estimator").is_in(pair.error.estimators)), ERROR)
+    own, usual, regret = _known(runs, column, ERROR, "regret")
+    estimators, seeds, cells = own.values.shape
     every = np.arange(cells)[None]
 
     def beside(drawn: Indices) -> Array:
-        theirs, own, regret = (_drawn(v, drawn, every) for v in (usual.error.values, pair.error.values, pair.regret))
-        rho = spearman(own, regret)
-        return np.stack([rho, rho - spearman(theirs, regret)], axis=-1)
+        x, usual_x, y = (_drawn(of.values, drawn, every) for of in (own, usual, regret))
+        rho = spearman(x, y)
+        return np.stack([rho, rho - spearman(usual_x, y)], axis=-1)
 
     row: dict[str, Any] = {"controller": name, "predictor": column, "estimators": estimators}
-    ends = [np.full(2, np.nan)] * 3 if estimators < 3 else resampled(beside, seeds)
+    known = estimators > 2
+    ends = resampled(beside, seeds) if known else [np.full(2, np.nan)] * 3
     for k, what in enumerate(("spearman", "gain")):
         row |= {what: ends[0][k], f"{what}_low": ends[1][k], f"{what}_high": ends[2][k]}
-    single = spearman(*(np.round(v.mean(axis=1), DIGITS).T for v in (pair.error.values, pair.regret)))
-    known = single[np.isfinite(single)]
-    return row | {"cell_median": float(np.median(known)) if known.size else float("nan")}
+    all_seeds, each = np.arange(seeds)[None], np.arange(cells)[:, None]
+    rho = spearman(*(_drawn(of.values, all_seeds, each) for of in (own, regret))) if known else np.empty(0)
+    single = rho[np.isfinite(rho)]
+    return row | {"cell_median": float(np.median(single)) if single.size else float("nan")}

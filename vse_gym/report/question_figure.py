@@ -40,9 +40,7 @@ def question_figure(runs: pl.DataFrame, path: Path) -> None:
     top.suptitle("Does a small error make a good drive? Means over cells and seeds, with 95 % intervals over seeds")
     for axes, row in zip(np.ravel(top.subplots(1, len(panels))), panels.iter_rows(named=True), strict=True):
         _means(axes, found, row, looks)
-    bottom.suptitle(
-        "Single cells; a line joins pairs that mislead: significantly less error, significantly more regret"
-    )
+    bottom.suptitle("Single cells; a line joins pairs that mislead: the one named first errs less and has more regret")
     bottom.supxlabel(ERROR_LABEL, fontsize=9)
     bottom.supylabel(REGRET_LABEL, fontsize=9)
     grid = np.ravel(bottom.subplots(rows, min(COLUMNS, len(cells))))
@@ -73,7 +71,7 @@ def _means(axes: Any, found: Answer, row: dict[str, Any], looks: dict[str, dict[
         ends += f", {row['spearman_cells_low']:.2f} to {row['spearman_cells_high']:.2f} over cells too"
     axes.set_title(f"{row['controller']}: rank correlation {row['spearman']:.2f}\n({ends})", fontsize=10)
     bottom, top = axes.get_ylim()
-    heights = _spread_out((mine["regret"].to_numpy() - bottom) / (top - bottom))
+    heights = spread_out((mine["regret"].to_numpy() - bottom) / (top - bottom))
     for height, r in zip(heights, mine.iter_rows(named=True), strict=True):
         axes.annotate(
             r["estimator"],
@@ -93,7 +91,7 @@ def _reach(row: dict[str, Any], what: str) -> list[list[float]]:
     return [[max(0.0, float(end))] for end in np.nan_to_num(ends)]
 
 
-def _spread_out(heights: np.ndarray) -> np.ndarray:
+def spread_out(heights: np.ndarray) -> np.ndarray:
     """Ascending heights of labels, moved as little apart as keeps them from overlapping."""
     steps = LINE * np.arange(len(heights))
     pooled: list[list[float]] = []  # blocks of labels that touch: isotonic regression by pooling adjacent violators

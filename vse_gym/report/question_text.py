@@ -126,7 +126,17 @@ def _overall(frame: pl.DataFrame) -> Table:
 
 
 def _by_cell(frame: pl.DataFrame) -> Table:
-    heads = ["cell", "controller", "Spearman", "Kendall", "least error", "its regret", "least regret", "", "tied"]
+    heads = [
+        "cell",
+        "controller",
+        "Spearman",
+        "Kendall",
+        "least error",
+        "its regret",
+        "least regret",
+        "its regret",
+        "tied",
+    ]
     rows = [
         [r["cell"], r["controller"], _number(r["spearman"]), _number(r["kendall"]), r["least_error"]]
         + [_number(r["its_regret"]), r["least_regret_of"], _number(r["least_regret"]), "yes" if r["tied"] else "no"]

@@ -37,6 +37,7 @@ def resampled(statistic: Callable[..., Array], *sizes: int) -> Interval:
 
     Percentiles, at the level widened for the smallest of ``sizes``. Noise that resampling adds to means pulls their
     rank correlation towards 0, so percentiles can lie beside the value; the interval then reaches as far as the value.
+    It covers as often as it says, or more often, unless noise hides most of the order: then so does the value itself.
 
     Args:
         statistic: From one array of indices for each size, (B, size), to (B, k); NaN where it is not defined.
