@@ -199,7 +199,8 @@ def _repeats(name: str, pair: Pair) -> dict[str, Any]:
     def mean(seeds: Indices) -> Array:
         rho = spearman(*(np.moveaxis(v[:, seeds], (1, 2), (0, 3)) for v in (error, regret)))
         known = np.isfinite(rho)
-        return np.asarray(np.where(known, rho, 0).sum(axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1))[:, None]
+        total, count = np.where(known, rho, 0).sum(axis=(1, 2)), known.sum(axis=(1, 2))
+        return np.asarray(total / np.where(count > 0, count, np.nan))[:, None]
 
     defined = int(np.isfinite(spearman(*(v.swapaxes(1, 2) for v in (error, regret)))).sum())
     interval = resampled(mean, error.shape[1])

@@ -34,8 +34,9 @@ def question_figure(runs: pl.DataFrame, path: Path) -> None:
     panels = found.overall.filter(pl.col("controller") != ALL)
     cells = found.by_cell
     rows = -(-len(cells) // COLUMNS)
-    figure = Figure(figsize=(max(14, 6 * len(panels)), 6 + 3 * rows), layout="constrained")
-    halves = figure.add_gridspec(2, 1, height_ratios=[5.4, 3 * rows + 0.6])
+    heights = (max(5.4, 0.25 * len(looks) + 1.2), 3 * rows + 0.6)  # above, room for a label of each estimator
+    figure = Figure(figsize=(max(14, 6 * len(panels)), sum(heights)), layout="constrained")
+    halves = figure.add_gridspec(2, 1, height_ratios=heights)
     top, bottom = figure.add_subfigure(halves[0]), figure.add_subfigure(halves[1])
     top.suptitle("Does a small error make a good drive? Means over cells and seeds, with 95 % intervals over seeds")
     for axes, row in zip(np.ravel(top.subplots(1, len(panels))), panels.iter_rows(named=True), strict=True):
@@ -92,16 +93,20 @@ def _reach(row: dict[str, Any], what: str) -> list[list[float]]:
 
 
 def spread_out(heights: np.ndarray) -> np.ndarray:
-    """Ascending heights of labels, moved as little apart as keeps them from overlapping."""
-    steps = LINE * np.arange(len(heights))
-    pooled: list[list[float]] = []  # blocks of labels that touch: isotonic regression by pooling adjacent violators
+    """Ascending heights of labels in [0, 1], moved as little as keeps them from overlapping.
+
+    Least squares under an order with gaps, by pooling adjacent violators (Barlow et al., 1972).
+    """
+    line = min(LINE, 1 / len(heights))
+    steps = line * np.arange(len(heights))
+    pooled: list[list[float]] = []
     for wish in heights - steps:
         pooled.append([float(wish)])
         while len(pooled) > 1 and np.mean(pooled[-2]) > np.mean(pooled[-1]):
             last = pooled.pop()
             pooled[-1] += last
-    placed = np.concatenate([np.full(len(block), np.mean(block)) for block in pooled]) + steps
-    return np.asarray(placed - max(0.0, placed[-1] - 1.0))
+    blocks = np.concatenate([np.full(len(block), np.mean(block)) for block in pooled])
+    return np.asarray(np.clip(blocks, 0, 1 - steps[-1]) + steps)
 
 
 def _cell(axes: Any, found: Answer, row: dict[str, Any], looks: dict[str, dict[str, Any]]) -> None:
