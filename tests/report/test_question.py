@@ -211,6 +211,15 @@ def test_an_estimator_that_broke_off_counts_with_the_largest_error_of_its_cell()
     assert dict(found.means.select("estimator", "error").iter_rows()) == pytest.approx(want)
 
 
+def test_an_estimator_that_always_broke_off_is_no_anchor_and_the_worst():
+    error, regret = (noisy([1, 2, 3], 5, 2, 0.1, RNG(k)) for k in (0, 1))
+    runs = table(error, regret)
+    never = pl.when(pl.col("estimator") == "e0").then(None).otherwise(pl.col(ERROR)).alias(ERROR)
+    found = answer(runs.with_columns(never))
+    assert found.left_out == ()
+    assert found.means.sort("error")["estimator"].to_list() == ["e1", "e2", "e0"]
+
+
 def test_a_better_predictor_is_told_from_the_error_and_counts_its_own_estimators():
     regret = noisy([1, 2, 3, 4, 5], 12, 2, 0.1, RNG(0))
     error = noisy([2, 1, 5, 3, 4], 12, 2, 0.1, RNG(1))
@@ -226,6 +235,8 @@ def test_a_better_predictor_is_told_from_the_error_and_counts_its_own_estimators
     of_four = stats.spearmanr([2, 1, 5, 3], [1, 2, 3, 4]).statistic
     assert rows["shadow_nees"]["gain"] == pytest.approx(1 - of_four)
     assert np.isnan(rows["shadow_vy_rmse_mps"]["spearman"])  # a column that the table lacks
+    text = answer_text(answer(table(error, regret, shadow_nees=nees)))
+    assert "`shadow_nees`" in text and "shadow_vy" not in text and "nan" not in text
 
 
 def test_a_cell_in_which_all_have_the_same_regret_has_no_rank_correlation():

@@ -99,7 +99,9 @@ def answer(runs: pl.DataFrame, leave_out: Collection[str] | None = None) -> Answ
 
 def anchors(runs: pl.DataFrame) -> set[str]:
     """Rows that see the truth, or nothing: by their names, and by an error of sideslip that is zero in every run."""
-    exact = runs.group_by("estimator").agg(exact=(pl.col(ERROR) == 0).all()).filter("exact")["estimator"]
+    exact = (
+        runs.group_by("estimator").agg(exact=(pl.col(ERROR) == 0).fill_null(False).all()).filter("exact")["estimator"]
+    )
     return set(ANCHORS) | set(exact)
 
 

@@ -148,7 +148,7 @@ def _by_cell(frame: pl.DataFrame) -> Table:
 def _predictors(frame: pl.DataFrame) -> Table:
     heads = ["figure", "controller", "estimators", "Spearman", "95 %", "against RMSE", "95 %", "median of cells"]
     rows = []
-    for r in frame.iter_rows(named=True):
+    for r in frame.filter(pl.col("estimators") > 2).iter_rows(named=True):
         gain = ["", ""] if r["predictor"] == ERROR else [f"{r['gain']:+.2f}", _ends(r, "gain")]
         rho = [_number(r["spearman"]), _ends(r, "spearman")]
         who = [f"`{r['predictor']}`", r["controller"], str(r["estimators"])]
