@@ -139,15 +139,17 @@ def _bootstrap(pools: Array, statistic: Callable[..., Any]) -> tuple[Array, Arra
 # -- what is asked of a table -----------------------------------------------------------------------------------------
 
 
-def mean(of: Cube) -> Interval:
-    """Mean over cells, each counting alike, with an interval about the seeds, (E,).
-
-    Where single figures are missing, the mean is of those known in each cell, without an interval.
-    """
+def means(of: Cube) -> Array:
+    """Mean over cells, each counting alike, (E,); where single figures are missing, of those known in each cell."""
     known = np.isfinite(of.values)
     count, total = known.sum(axis=1), np.where(known, of.values, 0).sum(axis=1)
     per_cell = np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
-    return seed_interval(of.values)._replace(value=per_cell.mean(axis=1))
+    return np.asarray(per_cell.mean(axis=1))
+
+
+def mean(of: Cube) -> Interval:
+    """:func:`means` with an interval about the seeds; none where figures are missing."""
+    return seed_interval(of.values)._replace(value=means(of))
 
 
 def mean_over_other_cells(of: Cube) -> Interval:
@@ -157,15 +159,14 @@ def mean_over_other_cells(of: Cube) -> Interval:
     percentiles are widened for the smaller of the two numbers. One cell gives no interval.
     """
     _, seeds, cells = of.values.shape
-    value, low, high = mean(of)
     if min(seeds, cells) < 2:
-        return Interval(value, np.full(len(value), np.nan), np.full(len(value), np.nan))
+        return Interval(means(of), *np.full((2, len(of.values)), np.nan))
     rng = np.random.default_rng(DRAW)
     of_seeds, of_cells = (rng.multinomial(n, np.full(n, 1 / n), RESAMPLES) / n for n in (seeds, cells))
     drawn = np.einsum("bs,esc,bc->eb", of_seeds, of.values, of_cells, optimize=True)
     tail = (1 - widened(min(seeds, cells))) / 2
     low, high = np.quantile(drawn, [tail, 1 - tail], axis=1)
-    return Interval(value, low, high)
+    return Interval(means(of), low, high)
 
 
 def interquartile_mean(of: Cube) -> Interval:
