@@ -101,7 +101,8 @@ def attribution(runs: pl.DataFrame) -> Sheet | None:
     groups = _by_controller(runs)
     rows = []
     for controller, mine in [("all", runs), *groups] if len(groups) > 1 else groups:
-        texts = [_texts(cube(mine.filter(pl.col("part") == part)), ".2f") for part in PARTS]
+        driven = [mine.filter(pl.col("part") == part) for part in PARTS]
+        texts = [_texts(cube(part), ".2f") if len(part) else {} for part in driven]
         parents = {e for text in texts[1:] for e in text}
         named = [e for e in order(runs) if e in parents]
         rows += [[e, controller, *_row(texts, e)] for e in named + sorted(parents - set(named))]

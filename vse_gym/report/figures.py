@@ -12,7 +12,6 @@ from vse_gym.report.statistics import POTENTIAL, complete, cube, ranked, whole
 from vse_gym.report.tables import order
 
 WIDE = 5  # cells in a row
-COLOURS = ("C0", "C1")  # of groups in turn
 
 
 def regret(runs: pl.DataFrame, path: Path) -> None:
@@ -63,7 +62,7 @@ def places(summarised: pl.DataFrame, path: Path) -> None:
     axes = figure.subplots()
     groups = table["group"].unique(maintain_order=True).to_list()
     for at, row in enumerate(table.iter_rows(named=True)):
-        colour = COLOURS[groups.index(row["group"]) % len(COLOURS)]
+        colour = f"C{groups.index(row['group']) % 10}"
         axes.axhspan(at - 0.5, at + 0.5, color=colour, alpha=0.12, linewidth=0)
         axes.plot([row["low_cells"], row["high_cells"]], [at, at], color=colour, alpha=0.35, linewidth=1.5)
         axes.plot([row["low"], row["high"]], [at, at], color=colour, linewidth=4, solid_capstyle="butt")

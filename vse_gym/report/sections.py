@@ -2,11 +2,10 @@
 
 from typing import NamedTuple
 
-import numpy as np
 import polars as pl
 
 from vse_gym.report import details
-from vse_gym.report.statistics import complete, cube, whole
+from vse_gym.report.statistics import complete_seeds, whole
 from vse_gym.report.tables import BASELINE, by_cell, cells_of
 from vse_gym.report.text import Sheet
 
@@ -67,8 +66,8 @@ def sections(runs: pl.DataFrame, summarised: pl.DataFrame) -> list[Section]:
 def _counted(runs: pl.DataFrame) -> str:
     """Which seeds the figures are of."""
     runs = whole(runs)
-    there, counted = runs["seed"].n_unique(), complete(runs)["seed"].n_unique()
-    if not np.isfinite(cube(runs).values).all():
+    there, counted = runs["seed"].n_unique(), len(complete_seeds(runs))
+    if not counted:
         return "No seed was driven in every cell: means are of what there is, and there are no intervals."
     if counted == 1:
         return "One seed gives no intervals."

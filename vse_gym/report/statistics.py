@@ -6,6 +6,7 @@ are not two independent facts, and the seed is the unit of every interval here.
 
 import warnings
 from collections.abc import Callable
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,7 +50,7 @@ class Interval(NamedTuple):
 
 def whole(runs: pl.DataFrame) -> pl.DataFrame:
     """Without the rows whose controller saw only a part of the estimate (attribution)."""
-    return runs.filter(pl.col("part") == "whole") if "part" in runs.columns else runs
+    return runs.filter(pl.col("part").fill_null("whole") == "whole") if "part" in runs.columns else runs
 
 
 def ranked(runs: pl.DataFrame) -> pl.DataFrame:
@@ -57,11 +58,16 @@ def ranked(runs: pl.DataFrame) -> pl.DataFrame:
     return whole(runs).filter(pl.col("estimator") != POTENTIAL)
 
 
-def complete(runs: pl.DataFrame) -> pl.DataFrame:
-    """Runs of the seeds that every cell has; a study stopped early has others. All runs if there is no such seed."""
+def complete_seeds(runs: pl.DataFrame) -> list[int]:
+    """Seeds that every estimator has in each of its cells; a study stopped early has others too."""
     pairs = runs.select("cell", "estimator").n_unique()
     per_seed = runs.group_by("seed").agg(known=pl.struct("cell", "estimator").n_unique())
-    seeds = per_seed.filter(pl.col("known") == pairs)["seed"].to_list()
+    return sorted(per_seed.filter(pl.col("known") == pairs)["seed"])
+
+
+def complete(runs: pl.DataFrame) -> pl.DataFrame:
+    """Runs of the complete seeds; all runs if there are none."""
+    seeds = complete_seeds(runs)
     return runs.filter(pl.col("seed").is_in(seeds)) if seeds else runs
 
 
@@ -94,8 +100,8 @@ def seed_interval(values: Array, statistic: Callable[..., Any] = np.mean) -> Int
         Figures and ends, (E,). All are NaN where a value is missing, ends also where there is but one seed. Where seeds
         do not differ the ends are the figure.
     """
-    pools = values.reshape(*values.shape[:2], -1)
-    value = np.asarray(statistic(pools.reshape(len(pools), -1), axis=-1))
+    pools = values if values.ndim == 3 else values[:, :, None]
+    value = np.asarray(statistic(pools.reshape(len(pools), prod(pools.shape[1:])), axis=-1))
     low, high = np.full((2, len(pools)), np.nan)
     if pools.shape[1] > 1:
         known = np.isfinite(pools).all(axis=(1, 2))
@@ -149,7 +155,7 @@ def means(of: Cube) -> Array:
 
 def mean(of: Cube) -> Interval:
     """:func:`means` with an interval about the seeds; none where figures are missing."""
-    return seed_interval(of.values)._replace(value=means(of))
+    return seed_interval(of.by_seed)._replace(value=means(of))
 
 
 def mean_over_other_cells(of: Cube) -> Interval:

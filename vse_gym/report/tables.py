@@ -73,9 +73,9 @@ def _plain(runs: pl.DataFrame) -> pl.DataFrame:
 
 # column of the summary, head on a narrow screen, head on paper, format
 COLUMNS: tuple[tuple[str, str, str, str], ...] = (
-    ("ended_badly_percent", "bad %", "ended badly %", ".0f"),
-    ("passed_percent", "pass %", "verdict passed %", ".0f"),
-    ("sideslip_rmse_deg", "RMSE deg", "shadow: sideslip RMSE deg", ".2f"),
+    ("ended_badly_percent", "bad\n%", "ended badly %", ".0f"),
+    ("passed_percent", "pass\n%", "verdict passed %", ".0f"),
+    ("sideslip_rmse_deg", "RMSE\ndeg", "shadow: sideslip RMSE deg", ".2f"),
     ("update_us", "us", "us per update", ".0f"),
 )
 LEGEND = (
@@ -88,9 +88,6 @@ LEGEND = (
 
 def cells_of(summarised: pl.DataFrame, narrow: bool = False) -> Sheet:
     """The summary as text; ``narrow`` fits 80 columns."""
-    columns = [
-        (key, short if narrow else long, spec) for key, short, long, spec in COLUMNS if (short if narrow else long)
-    ]
     heads = ["estimator", "regret", "95 %" if narrow else "95 % interval", "tied"]
     if not narrow:
         heads += ["rank", "95 %, other cells too", "interquartile mean", f"better than {BASELINE} %"]
@@ -106,8 +103,8 @@ def cells_of(summarised: pl.DataFrame, narrow: bool = False) -> Sheet:
                 figure_with(row["iqm"], row["iqm_low"], row["iqm_high"], ".2f"),
                 figure_with(share, low, high, ".0f"),
             ]
-        rows.append(texts + [number(row[key], spec) for key, _, spec in columns])
-    return Sheet([*heads, *(head for _, head, _ in columns)], rows)
+        rows.append(texts + [number(row[key], spec) for key, _, _, spec in COLUMNS])
+    return Sheet([*heads, *(short if narrow else long for _, short, long, _ in COLUMNS)], rows)
 
 
 def order(runs: pl.DataFrame) -> list[str]:
