@@ -35,6 +35,7 @@ def test_the_page_shows_the_same_tables_and_opens_without_a_network(runs, tmp_pa
     titles = [line.removeprefix("## ") for line in text.splitlines() if line.startswith("## ")]
     assert len(titles) >= 7 and all(f"<h2>{title}</h2>" in page for title in titles)
     assert all(f"<td>{name}</td>" in page for name in ("truth", "ekf", "zero"))
+    assert '<script src="plotly.min.js">' in page and page.count("Plotly.newPlot") == 4
     assert "http" not in page.replace("http://www.w3.org", "").replace("https://plotly.com", "")
     assert (tmp_path / "plotly.min.js").stat().st_size > 1_000_000
 

@@ -36,8 +36,8 @@ def regret(runs: pl.DataFrame, path: Path) -> None:
         for at, name in enumerate(names):
             values = regret.values[regret.estimators.index(name), :, k]
             colour = "0.5" if name == POTENTIAL else "C0"
-            axes.plot(values, np.full(values.size, at), ".", color=colour, alpha=0.4, markersize=4, markeredgewidth=0)
-            axes.plot(values.mean(), at, "|", color="k" if name != POTENTIAL else "0.4", markersize=8, mew=1.6)
+            axes.plot(values, np.full(values.size, at), ".", color=colour, alpha=0.55, markersize=5, markeredgewidth=0)
+            axes.plot(values.mean(), at, "|", color="k" if name != POTENTIAL else "0.4", markersize=9, mew=1.3)
         axes.set_title(cell, fontsize=8)
         axes.set_xlim(-0.4, 14.4)
         axes.set_xticks([0, 5, 10, 14])
@@ -73,7 +73,8 @@ def places(summarised: pl.DataFrame, path: Path) -> None:
     axes.text(1.01, -1, "tied  rank", transform=axes.get_yaxis_transform(), va="center", fontsize=8)
     axes.set_yticks(range(len(table)), table["estimator"], fontsize=9)
     axes.set_ylim(len(table) - 0.5, -0.5)
-    axes.set_xlim(-0.15, 14.15)
+    furthest = np.nanmax(table.select("regret", "high", "high_cells").to_numpy())
+    axes.set_xlim(-0.02 * furthest - 0.01, 1.02 * furthest + 0.01)
     axes.grid(axis="x", alpha=0.3)
     label = "mean regret over cells; thick: 95 % over seeds, thin: over other cells too"
     axes.set_xlabel(label, fontsize=9)

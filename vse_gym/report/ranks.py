@@ -47,8 +47,9 @@ def significance(samples: Array) -> Array:
 
     With two estimators alike, a seed's difference is as likely to have the other sign. All pairs of a seed are flipped
     together, and the largest abs(t) over pairs is compared: exact where estimators are exchangeable, and a wild
-    bootstrap (Rademacher weights, the null imposed) otherwise. Drawing seeds anew instead finds differences between
-    equals far too often at 10 or 20 seeds.
+    bootstrap (Rademacher weights, the null imposed) otherwise; where equals scatter very unequally, skewed by whole
+    seeds, some pair differs in 10 % of studies and not in 5 %. Drawing seeds anew instead finds differences between
+    equals far too often: with twelve estimators in 50 % of studies of 10 seeds, in 20 % of 20.
 
     Args:
         samples: (E, S).
