@@ -202,8 +202,8 @@ def improvement(of: Cube) -> Interval:
 def precision(runs: pl.DataFrame) -> float:
     """Largest half width, from the mean to the farther end, of the intervals of mean regret of what is ranked.
 
-    To add seeds until it is small gives a fixed-width interval (Chow & Robbins, 1965). It covers a little less often, for
-    it stops more readily where the scatter looks small: 92 % if begun with 10 seeds. NaN for one seed.
+    To add seeds until it is small gives a fixed-width interval (Chow & Robbins, 1965). It covers a little less often,
+    for it stops more readily where the scatter looks small: 92 % if begun with 10 seeds. NaN for one seed.
     """
     value, low, high = mean(cube(ranked(runs)))
     return float(np.maximum(value - low, high - value).max())
