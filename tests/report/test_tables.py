@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 from rich.console import Console
 
-from vse_gym.report import LEGEND, by_cell, cells_of, markdown, on_screen, reasons, summary
+from vse_gym.report import LEGEND, by_cell, cells_of, in_blocks, markdown, on_screen, reasons, summary
 from vse_gym.report.details import (
     attribution,
     consistency,
@@ -84,6 +84,20 @@ def test_the_table_for_the_screen_fits_eighty_columns(table):
     text = screen.export_text()
     assert "pf_cauchy_gaussian" in text and "none (potential)" in text and "1234" in text and "…" not in text
     assert max(map(len, LEGEND.splitlines())) <= 80
+
+
+def test_a_study_of_ten_cells_fits_eighty_columns_in_blocks(table):
+    regret = np.random.default_rng(2).uniform(9, 14, (2, 2, 10))
+    runs = table(regret, ["pf_cauchy_gaussian", "ekf"])
+    long = runs.with_columns(cell=pl.lit("held steer, friction jump, ") + pl.col("cell"))
+    blocks = in_blocks(*by_cell(long))
+    assert [len(block.heads) for block in blocks] == [6, 6]
+    assert [head for block in blocks for head in block.heads[1:]] == by_cell(long).heads[1:]
+    assert [a + b[1:] for a, b in zip(blocks[0].rows, blocks[1].rows, strict=True)] == by_cell(long).rows
+    screen = Console(width=80, record=True, file=StringIO())
+    for block in blocks:
+        screen.print(on_screen(*block, title=""))
+    assert "…" not in screen.export_text()
 
 
 def test_why_drives_ended_is_counted_and_a_spin_is_no_reason(runs):

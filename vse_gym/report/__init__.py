@@ -3,7 +3,7 @@
 from vse_gym.report.ranks import Ranks, ranks, significance
 from vse_gym.report.statistics import Cube, Interval, cube, precision
 from vse_gym.report.tables import LEGEND, by_cell, cells_of, reasons, summary
-from vse_gym.report.text import markdown, on_screen
+from vse_gym.report.text import in_blocks, markdown, on_screen
 from vse_gym.report.writing import write, write_tables
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "by_cell",
     "cells_of",
     "cube",
+    "in_blocks",
     "markdown",
     "on_screen",
     "precision",

@@ -39,6 +39,14 @@ def on_screen(heads: list[str], rows: list[list[str]], title: str, whole: int = 
     return out
 
 
+def in_blocks(heads: list[str], rows: list[list[str]], columns: int = 5) -> list[Sheet]:
+    """A table too wide for a screen as several, each with the first column and so many others."""
+    starts = range(1, len(heads), columns)
+    return [
+        Sheet([heads[0], *heads[k : k + columns]], [[row[0], *row[k : k + columns]] for row in rows]) for k in starts
+    ]
+
+
 def markdown(heads: list[str], rows: list[list[str]]) -> str:
     """The same as Markdown."""
     lines = [heads, ["---"] + ["---:"] * (len(heads) - 1), *rows]
