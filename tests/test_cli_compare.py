@@ -43,7 +43,7 @@ def test_what_changed_is_shown_within_80_columns_and_exits_with_0(results):
     said = " ".join(result.output.split())
     assert "commit: aaaa in A, bbbb in B" in said
     assert "not bit-equal: 16 differ, in regret" in said
-    row = next(line for line in result.output.splitlines() if line.startswith("│ pf_cauchy_gaussian"))
+    row = next(line for line in result.output.splitlines() if line.lstrip("│ ").startswith("pf_cauchy_gaussian"))
     assert "+0.50" in row and "0.50 to 0.50" in row and "worse" in row
     assert "No difference, for any estimator: shadow: RMSE of sideslip, deg; drives that ended badly, %." in said
     shown = [line for line in result.output.splitlines() if not any(str(path) in line for path in results)]

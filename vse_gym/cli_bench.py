@@ -109,7 +109,8 @@ def show(runs: "polars.DataFrame", title: str) -> None:
 
     screen.print(report.on_screen(*report.cells_of(report.summary(runs), narrow=True), title=escape(title), whole=3))
     screen.print(report.LEGEND, style="dim", highlight=False)
-    screen.print(report.on_screen(*report.by_cell(runs), title="regret by cell"))
+    for block in report.in_blocks(*report.by_cell(runs)):
+        screen.print(report.on_screen(*block, title="regret by cell"))
     for line in report.reasons(runs):
         screen.print(escape(line), style="red", highlight=False)
 

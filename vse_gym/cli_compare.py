@@ -51,7 +51,7 @@ def compare(
 
 
 def _show(title: str, heads: list[str], rows: list[list[str]]) -> None:
-    from vse_gym.report.tables import on_screen
+    from vse_gym.report.text import on_screen
 
     def coloured(word: str) -> str:
         return f"[{COLOURS[word]}]{word}[/]" if word in COLOURS else escape(word)
@@ -63,7 +63,7 @@ def _show(title: str, heads: list[str], rows: list[list[str]]) -> None:
 
 
 def _write(found: Any, tables: list[Any], lines: list[str], title: str, out: Path) -> None:
-    from vse_gym.report.tables import markdown
+    from vse_gym.report.text import markdown
 
     parts = [f"{title}\n", *(f"- {line}" for line in lines), ""]
     for name, heads, rows in tables:

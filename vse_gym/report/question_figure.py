@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from vse_gym.report.question import ALL, Answer, answer
+from vse_gym.report.question import ALL, Answer
 
 MOST = 3  # misleading pairs that are drawn in a cell
 COLUMNS = 4  # of single cells
@@ -17,7 +17,7 @@ ERROR_LABEL = "shadow: sideslip RMSE [deg]"
 REGRET_LABEL = "regret (0 to 14)"
 
 
-def question_figure(runs: pl.DataFrame, path: Path) -> None:
+def question_figure(found: Answer, path: Path) -> None:
     """Draw the answer of a table of runs; needs the extra [report].
 
     Above, a panel for each controller: means of the estimators over cells and seeds with 95 % intervals of both. Below,
@@ -25,11 +25,9 @@ def question_figure(runs: pl.DataFrame, path: Path) -> None:
 
     Raises:
         ModuleNotFoundError: If matplotlib is not installed.
-        ValueError: If there is no answer, see :func:`answer`.
     """
     from matplotlib.figure import Figure
 
-    found = answer(runs)
     looks = _looks(found)
     panels = found.overall.filter(pl.col("controller") != ALL)
     cells = found.by_cell

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 
 from vse_gym.report.question import ALL, ERROR, Answer
-from vse_gym.report.tables import markdown
+from vse_gym.report.text import markdown
 
 MOST = 15  # misleading pairs that are shown
 FEW = 10  # seeds; below, an interval is a rough one
