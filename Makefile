@@ -7,7 +7,7 @@ JOBS ?= 2
 .PHONY: demo test check lock clean
 
 demo: .venv/user  ## a small benchmark; writes results/demo
-	$(BIN)/vse-gym bench demo --jobs $(JOBS) --out results/demo
+	$(BIN)/vse-gym bench demo --jobs $(JOBS) --out results/demo --overwrite
 	$(BIN)/vse-gym run sine_with_dwell --sensors loud --seed 3 --plot results/demo/drive.png
 
 test: .venv/dev
