@@ -196,7 +196,7 @@ def tune(
         KeyboardInterrupt: If stopped before the default itself was driven; later there is a best so far.
         ModuleNotFoundError: If optuna is missing.
     """
-    study = Study.load(study) if isinstance(study, str) else study
+    named, study = (study, Study.load(study)) if isinstance(study, str) else (study.name, study)
     seeds = study.seeds if seeds is None else seeds
     default = ESTIMATORS.make(name)
     limits = ranges(default)
@@ -229,7 +229,7 @@ def tune(
             again, whole = _again(drives, default, finalists, validation_seeds(study, seeds), progress)
     best = finalists[int(np.argmin([np.mean(s) for s in again]))] if again else ranked[0]
     origin = {
-        "command": f"vse-gym tune {name} --budget {budget} --study {study.name} --seeds {seeds} --seed {seed}",
+        "command": f"vse-gym tune {name} --budget {budget} --study {named} --seeds {seeds} --seed {seed}",
         "study": study.name,
         "study_version": study.version,
         "cells": len(study.cells),
