@@ -208,4 +208,4 @@ def _word(value: Plain) -> str:
         return "true" if value else "false"
     if isinstance(value, int | float):
         return repr(value if isinstance(value, int) else float(value))
-    return json.dumps(value, ensure_ascii=False)
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # which TOML wants escaped, unlike JSON
