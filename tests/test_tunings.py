@@ -4,6 +4,7 @@ import copy
 import math
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -189,3 +190,17 @@ def test_a_digest_sees_into_arrays_that_a_screen_would_cut_short():
 
 def test_who_cannot_be_pickled_has_no_digest():
     assert digest(Holds(lambda: None)) == ""
+
+
+SHIPPED = load_folder(Path(__file__).parent.parent / "benchmarks" / "tunings")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_tunings_that_ship_were_all_found_by_the_same_command(name):
+    origin = SHIPPED[name].origin
+    assert origin["command"] == f"vse-gym tune {name} --budget 60 --study training-v2 --seeds 4 --seed 0"
+    alike = ("budget", "cells", "commit", "optuna", "sampler_seed", "study", "study_version")
+    first = next(iter(SHIPPED.values())).origin
+    assert [origin[key] for key in alike] == [first[key] for key in alike]
+    assert not origin["interrupted"]
+    assert origin["validation"]["difference"]["mean"] <= 0
