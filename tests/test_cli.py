@@ -12,7 +12,7 @@ from vse_gym.cli import app
 from vse_gym.evaluation import study_names
 from vse_gym.sensors import SUITES
 
-COMMANDS = ("list", "run", "bench", "fmvss126", "entry-speed", "check")
+COMMANDS = ("list", "run", "bench", "fmvss126", "entry-speed", "check", "tune")
 runner = CliRunner()
 
 

@@ -11,7 +11,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column, Table
 
-from vse_gym import cli_bench, cli_check, cli_compare, cli_procedures
+from vse_gym import cli_bench, cli_check, cli_compare, cli_procedures, cli_tune
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
 from vse_gym.cli_screen import (
     ControllerName,
@@ -153,6 +153,7 @@ app.command("fmvss126")(cli_procedures.fmvss126)
 app.command("entry-speed")(cli_procedures.entry_speed)
 app.command("check")(cli_check.check)
 app.command("compare")(cli_compare.compare)
+app.command("tune")(cli_tune.tune)
 
 if __name__ == "__main__":
     app()

@@ -29,9 +29,10 @@ def refuse(error: Exception) -> typer.Exit:
 @contextmanager
 def sentences(*others: type[Exception]) -> Iterator[None]:
     """Names and settings that cannot be, and other errors, are a sentence and exit code 2; Ctrl-C is one and 130."""
+    said: tuple[type[Exception], ...] = (KeyError, ValueError, TypeError, OSError, ModuleNotFoundError, *others)
     try:
         yield
-    except (KeyError, ValueError, TypeError, OSError, ModuleNotFoundError, *others) as error:
+    except said as error:
         raise refuse(error) from None
     except KeyboardInterrupt:
         Console(stderr=True).print("stopped", highlight=False)

@@ -1,15 +1,22 @@
 """Who is judged, under which name, and what tells two of them apart."""
 
+import copy
 import importlib
+import math
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
+import numpy as np
 import pytest
 
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.anchors import Truth, ZeroSideslip
+from vse_gym.estimators.base import Estimator
 from vse_gym.estimators.gaussian import ExtendedKalmanFilter
+from vse_gym.estimators.kinematic import KinematicObserver
 from vse_gym.evaluation.contenders import PARTS, contenders, fingerprint
+from vse_gym.evaluation.tunings import Tuning, changed, settings_of
+from vse_gym.types import Estimate
 
 
 class Plain(ZeroSideslip):
@@ -38,15 +45,6 @@ def test_a_class_from_outside_is_known_by_its_source_too(tmp_path, monkeypatch):
         mine = importlib.import_module("outside").Mine
         prints += [fingerprint(mine()), fingerprint(Truth(("vx",), inner=mine()))]
     assert len(set(prints)) == 4
-
-
-def test_an_instance_of_an_ordinary_class_has_no_address_in_its_fingerprint():
-    class Odd(ZeroSideslip):
-        def __init__(self, value):
-            self.__dict__["thing"] = value
-
-    Odd.__dataclass_fields__ = property()  # is_dataclass looks here
-    assert fingerprint(Odd(object())) == fingerprint(Odd(object()))
 
 
 def test_attribution_makes_the_other_fields_true():
@@ -84,3 +82,53 @@ def test_a_fingerprint_tells_classes_apart():
         pass
 
     assert len({fingerprint(Same()), fingerprint(Plain()), fingerprint(ZeroSideslip())}) == 3
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_a_fingerprint_belongs_to_the_class_and_to_every_setting(name):
+    estimator = ESTIMATORS.make(name)
+    seen = {fingerprint(estimator)}
+    assert seen == {fingerprint(copy.deepcopy(estimator))}
+    assert all(len(d) == 12 and int(d, 16) >= 0 for d in seen)
+    for setting, value in settings_of(estimator).items():
+        if isinstance(value, float):
+            beside = math.nextafter(value, 2.0 if setting == "inflation" else 0.9)  # inflation is at least 1
+            seen.add(fingerprint(changed(estimator, {setting: beside})))
+    assert len(seen) == 1 + sum(isinstance(v, float) for v in settings_of(estimator).values())
+    assert not any(fingerprint(ESTIMATORS.make(other)) in seen for other in ESTIMATORS if other != name)
+
+
+def test_equal_settings_have_one_fingerprint_and_a_label_shows_its_beginning():
+    assert (
+        fingerprint(KinematicObserver(leak=2))
+        == fingerprint(KinematicObserver(leak=2.0))
+        == fingerprint(KinematicObserver())
+    )
+    tuning = Tuning("kinematic", {"leak": 1.0})
+    assert tuning.label == f"kinematic-tuned ({fingerprint(KinematicObserver(leak=1.0))[:6]})"
+
+
+@dataclass(frozen=True)
+class Holds(Estimator):
+    """Holds a thing that is neither number nor word."""
+
+    thing: object = field(default_factory=lambda: np.zeros(2000))
+
+    def init(self, nominal, rng):
+        return None
+
+    def update(self, state, reading, rng):
+        return None
+
+    def estimate(self, state):
+        return Estimate(0.0)
+
+
+def test_a_fingerprint_sees_into_arrays_that_a_screen_would_cut_short():
+    middle = np.zeros(2000)
+    middle[1000] = 1.0
+    assert fingerprint(Holds()) == fingerprint(Holds()) != fingerprint(replace(Holds(), thing=middle))
+
+
+def test_who_cannot_be_pickled_is_known_by_what_it_prints_without_its_address():
+    assert fingerprint(Holds(lambda: None)) == fingerprint(Holds(lambda: None)) != fingerprint(Holds())

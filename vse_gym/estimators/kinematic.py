@@ -8,6 +8,7 @@ import numpy as np
 from vse_gym.compiled import compiled
 from vse_gym.estimators.base import Estimator
 from vse_gym.models import Nominal
+from vse_gym.models.tuning import tunable
 from vse_gym.types import U_BRAKE, U_DRIVE, Y_AX, Y_AY, Y_WHEEL, Y_YAW_RATE, Array, Estimate, Reading
 
 
@@ -78,10 +79,10 @@ class KinematicObserver(Estimator):
     Going straight vy cannot be observed, so it leaks away there.
     """
 
-    turn_gain: float = 2.0  # [-]
-    speed_gain: float = 5.0  # added to the gain on vx, so that speed is held going straight too [1/s]
-    leak: float = 2.0  # rate at which vy is forgotten going straight [1/s]
-    leak_yaw_rate: float = 0.05  # yaw rate at which the leak ends [rad/s]
+    turn_gain: float = tunable(2.0, 0.5, 10.0)  # [-]
+    speed_gain: float = tunable(5.0, 0.5, 30.0)  # added to the gain on vx, to hold speed going straight too [1/s]
+    leak: float = tunable(2.0, 0.1, 20.0)  # rate at which vy is forgotten going straight [1/s]
+    leak_yaw_rate: float = tunable(0.05, 0.005, 0.3)  # yaw rate at which the leak ends [rad/s]
     brake_hold: float = 0.1  # a wheel is not believed for this long after it braked [s]
     braking: float = 20.0  # a wheel with more brake torque than this is braking [N m]
 

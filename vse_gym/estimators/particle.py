@@ -8,9 +8,10 @@ import numpy as np
 from vse_gym.estimators.base import Estimator
 from vse_gym.inference.particle import bootstrap_step, draw
 from vse_gym.models import ModelTuning, Nominal, SingleTrackTuning
+from vse_gym.models.tuning import tunable
 from vse_gym.types import Array, Estimate, Reading
 
-# Found as benchmarks/search_defaults.py describes, with the budget that the Kalman filters had. Theirs starves a
+# From the random search that the Kalman filters' defaults come from, with the same budget. Theirs starves a
 # bootstrap filter: among particles spread by that much process noise, a good gyro would leave a handful alive.
 TUNING = SingleTrackTuning(
     vx_noise=0.87,
@@ -99,3 +100,4 @@ class CauchyGaussianParticleFilter(BootstrapParticleFilter):
     """The bootstrap filter that expects heavy tails: the likelihood of Qin et al. (2014)."""
 
     likelihood: str = "cauchy_gaussian"
+    alpha: float = tunable(1.5, 1.0, 2.0)  # the Gaussian filter has it too, but does not read it

@@ -1,11 +1,14 @@
 """Who is judged: estimators by the names of their rows, and what tells two of them apart."""
 
+import pickle
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from hashlib import blake2b
 from pathlib import Path
 from sys import modules
+
+import joblib
 
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.anchors import Truth
@@ -26,20 +29,29 @@ def digest(*parts: object) -> str:
 
 def fingerprint(estimator: Estimator) -> str:
     """Of an estimator's class and settings; of its source too if it is not one of ours, whose commit says it all."""
-    kind = type(estimator)
-    told = repr(estimator) if is_dataclass(estimator) else _state_of(estimator)
     inner = fingerprint(estimator.inner) if isinstance(estimator, Truth) and estimator.inner is not None else ""
-    return digest(f"{kind.__module__}:{kind.__qualname__}", told, _source_of(kind), inner)
+    return digest(_said(estimator), _source_of(type(estimator)), inner)
+
+
+def _said(thing: object) -> object:
+    """What is alike for equal settings, and differs for others."""
+    if isinstance(thing, bool | str | None):
+        return repr(thing)
+    if isinstance(thing, int | float):
+        return repr(float(thing))  # 2 and 2.0 are one setting
+    kind = f"{type(thing).__module__}:{type(thing).__qualname__}"
+    if is_dataclass(thing) and not isinstance(thing, type):
+        return kind, [(f.name, _said(getattr(thing, f.name))) for f in fields(thing)]
+    try:
+        return kind, joblib.hash(thing)
+    except (pickle.PicklingError, TypeError, AttributeError):
+        return kind, re.sub(r" at 0x[0-9a-f]+", "", repr(thing))
 
 
 def _source_of(kind: type) -> str:
     """The whole module, since a class leans on what stands beside it; nothing of what was typed at a prompt."""
     path = None if kind.__module__.startswith("vse_gym.") else getattr(modules.get(kind.__module__), "__file__", None)
     return Path(path).read_text(encoding="utf-8", errors="replace") if path else ""
-
-
-def _state_of(estimator: Estimator) -> str:
-    return re.sub(r" at 0x[0-9a-f]+", "", repr(sorted(vars(estimator).items())))
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from vse_gym.inference.linear import matrices, report_linear
 from vse_gym.inference.model import attend, heed
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.single_track import BRAKING, SLOWEST, SingleTrack, SingleTrackTuning, commanded
+from vse_gym.models.tuning import tunable
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.types import CHANNELS, U_BRAKE, U_DRIVE, U_STEER, Y_AX, Y_AY, Y_SIDESLIP, Y_WHEEL, Y_YAW_RATE, Array
 
@@ -33,9 +34,9 @@ class LinearBicycle(NamedTuple):
 class LinearBicycleTuning:
     """How far the Kalman filter trusts the linear bicycle; defaults as of :class:`SingleTrackTuning`, not searched."""
 
-    vy_noise: float = 0.8  # process noise density [m/s per sqrt(s)]
-    yaw_noise: float = 0.8  # [rad/s per sqrt(s)]
-    ay_error: float = 6.0  # error of the model's ay, added to the sensor's noise [m/s2]
+    vy_noise: float = tunable(0.8, 0.03, 5.0)  # process noise density [m/s per sqrt(s)]
+    yaw_noise: float = tunable(0.8, 0.01, 2.0)  # [rad/s per sqrt(s)]
+    ay_error: float = tunable(6.0, 0.3, 8.0)  # error of the model's ay, added to the sensor's noise [m/s2]
     brake_hold: float = 0.1  # time for which a wheel is no speedometer after it braked [s]
     brake_margin: float = 0.3  # by so much may the accelerometer miss how fast the car slows down [m/s2]
     vy_prior: float = 0.2  # standard deviation at the start [m/s]

@@ -17,6 +17,7 @@ from vse_gym.models.single_track import (
     read_extras,
     read_motion,
 )
+from vse_gym.models.tuning import tunable
 from vse_gym.physics.double_track import wheel_load, wheel_position
 from vse_gym.physics.parameters import GRAVITY, Vehicle
 from vse_gym.physics.tyres import tyre_force
@@ -57,13 +58,13 @@ class DoubleTrackTuning:
     So what differs between the two models' rows is the model alone; the defaults were searched for the single track.
     """
 
-    vx_noise: float = 1.2  # process noise density [m/s per sqrt(s)]
-    vy_noise: float = 0.8  # [m/s per sqrt(s)]
-    yaw_noise: float = 0.8  # [rad/s per sqrt(s)]
-    ax_error: float = 1.0  # error of the model's ax, added to the sensor's noise [m/s2]
-    ay_error: float = 6.0  # [m/s2]
-    yaw_rate_error: float = 0.0  # added to the gyro's noise [rad/s]
-    wheel_error: float = 0.0  # added to the wheel speeds' noise [rad/s]
+    vx_noise: float = tunable(1.2, 0.03, 3.0)  # process noise density [m/s per sqrt(s)]
+    vy_noise: float = tunable(0.8, 0.03, 5.0)  # [m/s per sqrt(s)]
+    yaw_noise: float = tunable(0.8, 0.01, 2.0)  # [rad/s per sqrt(s)]
+    ax_error: float = tunable(1.0, 0.1, 3.0)  # error of the model's ax, added to the sensor's noise [m/s2]
+    ay_error: float = tunable(6.0, 0.3, 8.0)  # [m/s2]
+    yaw_rate_error: float = tunable(0.0, 0.0, 0.1)  # added to the gyro's noise [rad/s]
+    wheel_error: float = tunable(0.0, 0.0, 1.0)  # added to the wheel speeds' noise [rad/s]
     slip: float = 0.005  # slip of a rolling wheel [-]
     brake_slip: float = 0.05  # slip of the fastest wheel while all brake [-]
     brake_hold: float = 0.1  # time for which a wheel is no speedometer after it braked [s]

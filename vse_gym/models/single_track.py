@@ -9,6 +9,7 @@ import numpy as np
 from vse_gym.compiled import compiled
 from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.models.nominal import Nominal
+from vse_gym.models.tuning import tunable
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.physics.tyres import KNOT
 from vse_gym.types import (
@@ -61,16 +62,18 @@ class SingleTrack(NamedTuple):
 class SingleTrackTuning:
     """How far a filter trusts the single track: everything that is not on a data sheet.
 
-    The defaults suit a Kalman filter; ``benchmarks/search_defaults.py`` says how they were found.
+    The defaults suit a Kalman filter. They come from a random search, made before `vse-gym tune` was, on an earlier
+    training study. The ranges are those of `vse-gym tune`.
     """
 
-    vx_noise: float = 1.2  # process noise density [m/s per sqrt(s)]
-    vy_noise: float = 0.8  # [m/s per sqrt(s)]
-    yaw_noise: float = 0.8  # [rad/s per sqrt(s)]
-    ax_error: float = 1.0  # error of the model's ax, added to the sensor's noise [m/s2]
-    ay_error: float = 6.0  # [m/s2]
-    yaw_rate_error: float = 0.0  # added to the gyro's noise: a bootstrap filter dies of a likelihood too narrow [rad/s]
-    wheel_error: float = 0.0  # added to the wheel speeds' noise, for the same reason [rad/s]
+    vx_noise: float = tunable(1.2, 0.03, 3.0)  # process noise density [m/s per sqrt(s)]
+    vy_noise: float = tunable(0.8, 0.03, 5.0)  # [m/s per sqrt(s)]
+    yaw_noise: float = tunable(0.8, 0.01, 2.0)  # [rad/s per sqrt(s)]
+    ax_error: float = tunable(1.0, 0.1, 3.0)  # error of the model's ax, added to the sensor's noise [m/s2]
+    ay_error: float = tunable(6.0, 0.3, 8.0)  # [m/s2]
+    # Added to the noise of gyro and wheel speeds: a bootstrap filter dies of a likelihood too narrow.
+    yaw_rate_error: float = tunable(0.0, 0.0, 0.1)  # [rad/s]
+    wheel_error: float = tunable(0.0, 0.0, 1.0)  # [rad/s]
     slip: float = 0.005  # slip of a rolling wheel [-]
     brake_slip: float = 0.05  # slip of the fastest wheel while all brake [-]
     brake_hold: float = 0.1  # time for which a wheel is not believed after it braked [s]

@@ -1,5 +1,6 @@
-"""What every tuning of a model offers to the filters."""
+"""What every tuning of a model offers to the filters, and how a tuning says where to look for better numbers."""
 
+from dataclasses import field
 from typing import Any, Protocol
 
 from vse_gym.models.nominal import Nominal
@@ -10,3 +11,18 @@ class ModelTuning(Protocol):
 
     def build(self, nominal: Nominal) -> Any:
         """The model of a nominal car: a NamedTuple as :mod:`vse_gym.inference.model` describes it."""
+
+
+def tunable(default: float, low: float, high: float) -> Any:
+    """A field of a frozen dataclass that `vse-gym tune` may change.
+
+    Args:
+        default: As without a search.
+        low, high: Where to search, both included: on a logarithmic scale, or on a linear one if ``low`` is zero.
+
+    Raises:
+        ValueError: If the default does not lie in the range, or the range is none.
+    """
+    if not (0 <= low < high and low <= default <= high):
+        raise ValueError(f"a range must not be negative and hold the default, not [{low}, {high}] and {default}")
+    return field(default=default, metadata={"tune": (low, high)})
