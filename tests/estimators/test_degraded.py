@@ -32,7 +32,8 @@ def assert_same(ours, theirs):
 
 @pytest.mark.parametrize("check", ESTIMATOR_CHECKS, ids=lambda check: check.__name__)
 def test_keeps_every_promise_of_an_estimator(check, nominal, readings):
-    check(Degraded(KinematicObserver(), gain=0.5, delay=0.1, bias=0.5), nominal, readings)
+    # without a bias, which no mirrored drive mirrors
+    check(Degraded(KinematicObserver(), gain=0.5, delay=0.1), nominal, readings)
 
 
 @pytest.mark.parametrize("name", ["ekf", "pf"])
@@ -41,7 +42,7 @@ def test_as_it_comes_it_is_the_inner_estimator(name, nominal, readings):
     alone, last = said_by(inner, nominal, readings)
     wrapped, state = said_by(Degraded(inner), nominal, readings)
     assert_same(wrapped, alone)
-    assert Degraded(inner).innovation(state) == inner.innovation(last)
+    np.testing.assert_equal(Degraded(inner).innovation(state), inner.innovation(last))
     np.testing.assert_equal(Degraded(inner).effective_size(state), inner.effective_size(last))
 
 
