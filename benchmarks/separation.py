@@ -5,9 +5,10 @@
     python benchmarks/separation.py headline-v1 --runs results/h/runs.parquet     drives the floor alone
 
 A pair of estimators is apart in a cell if the bootstrap's 95 % interval of its paired difference of regret is clear
-of 0. The floor is the regret of drives with true states that are disturbed a little, by 0.02 m/s of vy or 0.2 % of the
-hand wheel: where so little decides, the cell scores luck. Stability is the rank correlation of orders from some seeds
-(and cells) and from all; of halves, between two that share no seed. Markers and the car without control are in no pair.
+of 0; it matters if the interval is also clear of +/- 0.4, what a cell may score by luck. The floor is the regret of
+drives with true states that are disturbed a little, by 0.02 m/s of vy or 0.2 % of the hand wheel: where so little makes
+more than 0.4, the cell is chaos. Stability is the rank correlation of orders from some seeds (and cells) and from all;
+of halves, between two that share no seed. Markers and the car without control are in no pair.
 """
 
 import argparse
@@ -33,8 +34,8 @@ from vse_gym.types import Array
 
 MARKERS = ("truth", "truth_velocity", "none")
 VY, HAND_WHEEL = 0.02, 1.002  # disturbances: [m/s], and times
-CHAOS = 0.4  # floor beyond which a cell scores luck
-RANKS = 0.25  # share of pairs from which a cell ranks (chosen)
+LUCK = 0.4  # most that a floor may be; smaller differences of regret do not matter
+RANKS = 0.25  # share of pairs whose difference must matter (chosen)
 COUNTS = (1, 3, 5, 10, 20)
 DRAWS = 200  # random choices of seeds and cells
 
@@ -55,13 +56,13 @@ def without_markers(runs: Cube) -> Cube:
     return runs._replace(estimators=tuple(runs.estimators[k] for k in kept), values=runs.values[kept])
 
 
-def pairs_apart(values: Array) -> float:
-    """Share of pairs of rows (E, S) whose paired difference has an interval clear of 0 [-]; NaN without pairs."""
+def pairs_apart(values: Array, matters: float = 0.0) -> float:
+    """Share of pairs of rows (E, S) whose difference has an interval beyond +/- ``matters`` [-]; NaN without pairs."""
     differences = np.array([a - b for a, b in combinations(values, 2)]).reshape(-1, values.shape[1])
     if not len(differences):
         return float("nan")
     _, low, high = seed_interval(differences)
-    return float(np.mean((low > 0) | (high < 0)))
+    return float(np.mean((low > matters) | (high < -matters)))
 
 
 def rank_correlation(first: Array, second: Array) -> float:
@@ -96,7 +97,7 @@ def stability(values: Array, seeds: int, cells: int, rng: np.random.Generator) -
 
 def verdict(share: float, floor: float) -> str:
     """What a cell is good for."""
-    if floor > CHAOS:
+    if floor > LUCK:
         return "chaos"
     return "ranks" if share >= RANKS else "ranks nobody"
 
@@ -150,13 +151,14 @@ def per_cell(runs: pl.DataFrame, all_floors: dict[str, Floor]) -> tuple[list[str
     replaced = dict(runs.unique(["cell", "seed"]).group_by("cell").agg(pl.col("replaced").sum()).iter_rows())
     for k, cell in enumerate(ranked.cells):
         mine, floor = ranked.values[:, :, k : k + 1], all_floors[cell]
-        share, means = pairs_apart(mine[:, :, 0]), mine.mean(axis=(1, 2))
-        figures = (100 * share, means.min(), means.max(), floor.vy, floor.hand_wheel, halves(mine, rng))
+        apart, matters = pairs_apart(mine[:, :, 0]), pairs_apart(mine[:, :, 0], LUCK)
+        means = mine.mean(axis=(1, 2))
+        figures = (100 * apart, 100 * matters, means.min(), means.max(), *floor, halves(mine, rng))
         stable = [stability(mine, n, 1, rng) for n in counts]
-        texts = [f"{f:{spec}}" for f, spec in zip(figures, (".0f", *5 * [".2f"]), strict=True)]
-        more = [*(f"{s:.2f}" for s in stable), str(replaced[cell]), verdict(share, max(floor))]
+        texts = [f"{f:{spec}}" for f, spec in zip(figures, (".0f", ".0f", *5 * [".2f"]), strict=True)]
+        more = [*(f"{s:.2f}" for s in stable), str(replaced[cell]), verdict(matters, max(floor))]
         rows.append([cell, *texts, *more])
-    heads = ["cell", "apart %", "least", "most", "floor vy", "floor wheel", "halves"]
+    heads = ["cell", "apart %", "matters %", "least", "most", "floor vy", "floor wheel", "halves"]
     return [*heads, *(f"n={n}" for n in counts), "replaced", "verdict"], rows
 
 
