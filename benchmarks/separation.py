@@ -28,11 +28,11 @@ from vse_gym.evaluation import Cell, Study, evaluate
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.metrics import regret
 from vse_gym.report import on_screen
-from vse_gym.report.statistics import Cube, cube, seed_interval
+from vse_gym.report.statistics import Cube, cube, ranked, seed_interval
 from vse_gym.simulation import rollout
 from vse_gym.types import Array
 
-MARKERS = ("truth", "truth_velocity", "none")
+MARKERS = ("truth", "truth_velocity")
 VY, HAND_WHEEL = 0.02, 1.002  # disturbances: [m/s], and times
 LUCK = 0.4  # most that a floor may be; smaller differences of regret do not matter
 RANKS = 0.25  # share of pairs whose difference must matter (chosen)
@@ -50,10 +50,9 @@ class Floor(NamedTuple):
 # -- from the table of runs -------------------------------------------------------------------------------------------
 
 
-def without_markers(runs: Cube) -> Cube:
-    """The estimators that are ranked."""
-    kept = [k for k, name in enumerate(runs.estimators) if name not in MARKERS]
-    return runs._replace(estimators=tuple(runs.estimators[k] for k in kept), values=runs.values[kept])
+def regrets(runs: pl.DataFrame) -> Cube:
+    """Regret of the estimators that are ranked."""
+    return cube(ranked(runs).filter(~pl.col("estimator").is_in(MARKERS)))
 
 
 def pairs_apart(values: Array, matters: float = 0.0) -> float:
@@ -145,12 +144,11 @@ def floors(study: Study, seeds: int, jobs: int) -> dict[str, Floor]:
 
 def per_cell(runs: pl.DataFrame, all_floors: dict[str, Floor]) -> tuple[list[str], list[list[str]]]:
     """Heads and rows, a cell each."""
-    ranked, rng, rows = without_markers(cube(runs)), np.random.default_rng(0), []
-    size = len(ranked.seeds)
-    counts = [n for n in COUNTS if n < size]
+    table, rng, rows = regrets(runs), np.random.default_rng(0), []
+    counts = [n for n in COUNTS if n < len(table.seeds)]
     replaced = dict(runs.unique(["cell", "seed"]).group_by("cell").agg(pl.col("replaced").sum()).iter_rows())
-    for k, cell in enumerate(ranked.cells):
-        mine, floor = ranked.values[:, :, k : k + 1], all_floors[cell]
+    for k, cell in enumerate(table.cells):
+        mine, floor = table.values[:, :, k : k + 1], all_floors[cell]
         apart, matters = pairs_apart(mine[:, :, 0]), pairs_apart(mine[:, :, 0], LUCK)
         means = mine.mean(axis=(1, 2))
         figures = (100 * apart, 100 * matters, means.min(), means.max(), *floor, halves(mine, rng))
@@ -162,21 +160,21 @@ def per_cell(runs: pl.DataFrame, all_floors: dict[str, Floor]) -> tuple[list[str
     return [*heads, *(f"n={n}" for n in counts), "replaced", "verdict"], rows
 
 
-def over_all(ranked: Cube) -> tuple[list[str], list[list[str]]]:
+def over_all(table: Cube) -> tuple[list[str], list[list[str]]]:
     """Heads and rows: stability of the order over the whole study, by numbers of cells and of seeds."""
-    _, size, cells = ranked.values.shape
+    _, size, cells = table.values.shape
     rng = np.random.default_rng(0)
     many = [n for n in (1, 2, 4, 6, 8) if n < cells] + [cells]
     some = [n for n in COUNTS if n < size] + [size]
-    rows = [[str(c), *(f"{stability(ranked.values, n, c, rng):.2f}" for n in some)] for c in many]
+    rows = [[str(c), *(f"{stability(table.values, n, c, rng):.2f}" for n in some)] for c in many]
     return ["cells", *(f"n={n}" for n in some)], rows
 
 
-def one_left_out(ranked: Cube) -> list[tuple[str, float]]:
+def one_left_out(table: Cube) -> list[tuple[str, float]]:
     """Rank correlation of the order without a cell and with it; the cell that matters most first."""
-    everything, found = ranked.values.mean(axis=(1, 2)), []
-    for k, cell in enumerate(ranked.cells):
-        rest = np.delete(ranked.values, k, axis=2).mean(axis=(1, 2))
+    everything, found = table.values.mean(axis=(1, 2)), []
+    for k, cell in enumerate(table.cells):
+        rest = np.delete(table.values, k, axis=2).mean(axis=(1, 2))
         found.append((cell, rank_correlation(rest, everything)))
     return sorted(found, key=lambda pair: pair[1])
 
@@ -202,14 +200,14 @@ def main() -> None:
         runs = pl.read_parquet(args.runs).filter(named, pl.col("seed") < study.first_seed + (args.seeds or study.seeds))
     else:
         runs = evaluate(study, seeds=args.seeds, jobs=args.jobs)
-    ranked, screen = without_markers(cube(runs)), Console()
-    size = len(ranked.seeds)
+    table, screen = regrets(runs), Console()
+    size = len(table.seeds)
     screen.print(on_screen(*per_cell(runs, floors(study, size, args.jobs)), f"{study.name}, {size} seeds"))
-    if len(ranked.cells) > 1:
-        screen.print(f"pairs apart over all cells: {100 * pairs_apart(ranked.by_seed):.0f} %")
-        screen.print(f"halves of the seeds, all cells: {halves(ranked.values, np.random.default_rng(0)):.2f}")
-        screen.print(on_screen(*over_all(ranked), "rank correlation with the order from all"))
-        left = "; ".join(f"{cell} {figure:.2f}" for cell, figure in one_left_out(ranked))
+    if len(table.cells) > 1:
+        screen.print(f"pairs apart over all cells: {100 * pairs_apart(table.by_seed):.0f} %")
+        screen.print(f"halves of the seeds, all cells: {halves(table.values, np.random.default_rng(0)):.2f}")
+        screen.print(on_screen(*over_all(table), "rank correlation with the order from all"))
+        left = "; ".join(f"{cell} {figure:.2f}" for cell, figure in one_left_out(table))
         screen.print(f"rank correlation of the order without a cell with that from all: {left}")
 
 

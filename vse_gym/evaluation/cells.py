@@ -34,7 +34,7 @@ class Randomise:
         Raises:
             TypeError: If there is no such range; the message names those that exist.
         """
-        changes = {name: tuple(v) if isinstance(v, list) else v for name, v in si(table).items()}
+        changes: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in si(table).items()}
         known = [f.name for f in fields(self)]
         if wrong := sorted(changes.keys() - set(known)):
             raise TypeError(f"cannot randomise {', '.join(wrong)}; known: {', '.join(known)}")
