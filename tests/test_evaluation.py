@@ -1,6 +1,5 @@
 """Studies: paired, repeatable, and robust against estimators that are not."""
 
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ from vse_gym.estimators.gaussian import ExtendedKalmanFilter
 from vse_gym.evaluation import Cell, Randomise, Study, evaluate, run_cell, study_names
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
-from vse_gym.report import by_cell, cells_of, markdown, reasons, summary, write
+from vse_gym.report import reasons
 from vse_gym.simulation import rollout, scenario
 from vse_gym.types import BrakeDemand, Estimate
 
@@ -203,50 +202,6 @@ def test_a_controller_s_fault_is_its_own_and_not_a_row_of_the_estimator(added):
 def test_two_estimators_of_one_name_are_refused():
     with pytest.raises(ValueError, match="mapping"):
         evaluate(short(), [ExtendedKalmanFilter(), ExtendedKalmanFilter()])
-
-
-@pytest.fixture(scope="module")
-def runs():
-    return evaluate(short(), ["truth", "ekf", "zero"])
-
-
-def test_the_summary_ranks_by_regret_and_never_ranks_the_uncontrolled_car(runs):
-    table = summary(runs)
-    assert table["estimator"].to_list()[0] == "truth"
-    assert table["estimator"].to_list()[-1] == "none"
-    ranked = table["regret"].to_list()[:-1]
-    assert ranked == sorted(ranked)
-    assert all(low <= mean <= high for mean, low, high in table.select("regret", "low", "high").iter_rows())
-
-
-def test_the_interval_of_the_mean_covers_as_often_as_it_says():
-    rng = np.random.default_rng(0)
-    truth, inside = 2.0, 0
-    for _ in range(200):
-        regrets = np.clip(rng.normal(truth, 1.0, 60), 0, 14)
-        frame = pl.DataFrame({"estimator": "a", "cell": ["c"] * 30 + ["d"] * 30, "regret": regrets})
-        row = summary(frame.with_columns(loop_ended=pl.lit(""), loop_passed=pl.lit(True))).row(0, named=True)
-        inside += row["low"] <= truth <= row["high"]
-    # percentile bootstrap of 30 values each: a little under 95 %; 200 trials scatter by 1.7 %
-    assert 0.88 <= inside / 200 <= 0.99
-
-
-def test_what_is_written_can_be_read_again(runs, tmp_path):
-    write(runs, tmp_path / "out", "a command")
-    assert pl.read_parquet(tmp_path / "out" / "runs.parquet").equals(runs, null_equal=True)
-    text = (tmp_path / "out" / "table.md").read_text()
-    assert "a command" in text and markdown(*cells_of(summary(runs))) in text and markdown(*by_cell(runs)) in text
-    assert (tmp_path / "out" / "regret.png").stat().st_size > 5000
-    page = (tmp_path / "out" / "report.html").read_text()
-    assert "a command" in page and all(f"<td>{name}</td>" in page for name in ("truth", "ekf", "zero"))
-    assert "http" not in page.split("<body")[0].replace("https://plotly.com", "")  # opens without a network
-    assert (tmp_path / "out" / "plotly.min.js").stat().st_size > 1_000_000
-
-
-def test_without_the_extra_report_the_tables_are_written_all_the_same(runs, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    write(runs, tmp_path, "a command")
-    assert {path.name for path in tmp_path.iterdir()} == {"runs.parquet", "table.md"}
 
 
 def test_an_estimator_whose_init_raises_is_a_row_too():

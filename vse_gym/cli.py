@@ -188,7 +188,8 @@ def bench(
     title = f"{plan.name}, version {plan.version}"
     screen.print(report.on_screen(*report.cells_of(report.summary(runs), narrow=True), title=escape(title), whole=3))
     screen.print(report.LEGEND, style="dim", highlight=False)
-    screen.print(report.on_screen(*report.by_cell(runs), title="regret by cell"))
+    for block in report.in_blocks(*report.by_cell(runs)):
+        screen.print(report.on_screen(*block, title="regret by cell"))
     for line in report.reasons(runs):
         screen.print(escape(line), style="red", highlight=False)
     note = ", [red]stopped early[/red]" if stopped else ""

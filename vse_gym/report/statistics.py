@@ -6,6 +6,7 @@ are not two independent facts, and the seed is the unit of every interval here.
 
 import warnings
 from collections.abc import Callable
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,7 +50,7 @@ class Interval(NamedTuple):
 
 def whole(runs: pl.DataFrame) -> pl.DataFrame:
     """Without the rows whose controller saw only a part of the estimate (attribution)."""
-    return runs.filter(pl.col("part") == "whole") if "part" in runs.columns else runs
+    return runs.filter(pl.col("part").fill_null("whole") == "whole") if "part" in runs.columns else runs
 
 
 def ranked(runs: pl.DataFrame) -> pl.DataFrame:
@@ -57,11 +58,16 @@ def ranked(runs: pl.DataFrame) -> pl.DataFrame:
     return whole(runs).filter(pl.col("estimator") != POTENTIAL)
 
 
-def complete(runs: pl.DataFrame) -> pl.DataFrame:
-    """Runs of the seeds that every cell has; a study stopped early has others. All runs if there is no such seed."""
+def complete_seeds(runs: pl.DataFrame) -> list[int]:
+    """Seeds that every estimator has in each of its cells; a study stopped early has others too."""
     pairs = runs.select("cell", "estimator").n_unique()
     per_seed = runs.group_by("seed").agg(known=pl.struct("cell", "estimator").n_unique())
-    seeds = per_seed.filter(pl.col("known") == pairs)["seed"].to_list()
+    return sorted(per_seed.filter(pl.col("known") == pairs)["seed"])
+
+
+def complete(runs: pl.DataFrame) -> pl.DataFrame:
+    """Runs of the complete seeds; all runs if there are none."""
+    seeds = complete_seeds(runs)
     return runs.filter(pl.col("seed").is_in(seeds)) if seeds else runs
 
 
@@ -94,8 +100,8 @@ def seed_interval(values: Array, statistic: Callable[..., Any] = np.mean) -> Int
         Figures and ends, (E,). All are NaN where a value is missing, ends also where there is but one seed. Where seeds
         do not differ the ends are the figure.
     """
-    pools = values.reshape(*values.shape[:2], -1)
-    value = np.asarray(statistic(pools.reshape(len(pools), -1), axis=-1))
+    pools = values if values.ndim == 3 else values[:, :, None]
+    value = np.asarray(statistic(pools.reshape(len(pools), prod(pools.shape[1:])), axis=-1))
     low, high = np.full((2, len(pools)), np.nan)
     if pools.shape[1] > 1:
         known = np.isfinite(pools).all(axis=(1, 2))
@@ -139,15 +145,17 @@ def _bootstrap(pools: Array, statistic: Callable[..., Any]) -> tuple[Array, Arra
 # -- what is asked of a table -----------------------------------------------------------------------------------------
 
 
-def mean(of: Cube) -> Interval:
-    """Mean over cells, each counting alike, with an interval about the seeds, (E,).
-
-    Where single figures are missing, the mean is of those known in each cell, without an interval.
-    """
+def means(of: Cube) -> Array:
+    """Mean over cells, each counting alike, (E,); where single figures are missing, of those known in each cell."""
     known = np.isfinite(of.values)
     count, total = known.sum(axis=1), np.where(known, of.values, 0).sum(axis=1)
     per_cell = np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
-    return seed_interval(of.values)._replace(value=per_cell.mean(axis=1))
+    return np.asarray(per_cell.mean(axis=1))
+
+
+def mean(of: Cube) -> Interval:
+    """:func:`means` with an interval about the seeds; none where figures are missing."""
+    return seed_interval(of.by_seed)._replace(value=means(of))
 
 
 def mean_over_other_cells(of: Cube) -> Interval:
@@ -157,15 +165,14 @@ def mean_over_other_cells(of: Cube) -> Interval:
     percentiles are widened for the smaller of the two numbers. One cell gives no interval.
     """
     _, seeds, cells = of.values.shape
-    value, low, high = mean(of)
     if min(seeds, cells) < 2:
-        return Interval(value, np.full(len(value), np.nan), np.full(len(value), np.nan))
+        return Interval(means(of), *np.full((2, len(of.values)), np.nan))
     rng = np.random.default_rng(DRAW)
     of_seeds, of_cells = (rng.multinomial(n, np.full(n, 1 / n), RESAMPLES) / n for n in (seeds, cells))
     drawn = np.einsum("bs,esc,bc->eb", of_seeds, of.values, of_cells, optimize=True)
     tail = (1 - widened(min(seeds, cells))) / 2
     low, high = np.quantile(drawn, [tail, 1 - tail], axis=1)
-    return Interval(value, low, high)
+    return Interval(means(of), low, high)
 
 
 def interquartile_mean(of: Cube) -> Interval:
@@ -195,7 +202,8 @@ def improvement(of: Cube) -> Interval:
 def precision(runs: pl.DataFrame) -> float:
     """Largest half width, from the mean to the farther end, of the intervals of mean regret of what is ranked.
 
-    NaN for one seed.
+    To add seeds until it is small gives a fixed-width interval (Chow & Robbins, 1965). It covers a little less often,
+    for it stops more readily where the scatter looks small: 92 % if begun with 10 seeds. NaN for one seed.
     """
     value, low, high = mean(cube(ranked(runs)))
     return float(np.maximum(value - low, high - value).max())

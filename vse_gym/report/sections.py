@@ -1,0 +1,74 @@
+"""What a report says, in order: each table with the sentences that it needs."""
+
+from typing import NamedTuple
+
+import polars as pl
+
+from vse_gym.report import details
+from vse_gym.report.statistics import complete_seeds, whole
+from vse_gym.report.tables import BASELINE, by_cell, cells_of
+from vse_gym.report.text import Sheet
+
+RANKING = (
+    "Regret is what it costs to drive by the estimate and not by true states, 0 to 14; each cell counts alike. "
+    "{counted} "
+    "Intervals draw these seeds anew, the same for all estimators and cells (bootstrap, BCa, widened for few seeds); "
+    "'other cells too' draws the cells anew as well: would it hold on other drives of this kind? "
+    "Estimators of one letter are tied: none is worse than the group's best by more than chance, at 5 % for all pairs "
+    "together (sign flips of paired differences; fewer than six seeds tell nobody apart). So one whose regret scatters "
+    "may be tied where a steadier one with less is not. Ranks are intervals that hold for all at once. "
+    "Interquartile mean: of the middle half of all runs. "
+    f"Better than {BASELINE}: share of runs with less regret at the same cell and seed, ties half. "
+    "An interval without width means that no seed differed, not that none could. "
+    "`none` is the car without stability control: the potential, not an estimator, never ranked."
+)
+DIFFERENCES = (
+    "Mean over cells, paired by seed, with 95 % intervals. Drives that ended early count as far as they went; "
+    "regret alone counts them as the worst."
+)
+CONSISTENCY = (
+    "In shadow: every estimator hears the drive that the controller makes with true states. NEES and NIS are over "
+    "their degrees of freedom, so 1 is right, more is too sure of itself."
+)
+GAIN = (
+    "'More' is a mean paired difference to the same drive without stability control, with its interval; benign drives "
+    "are not in it. Drives that ended early count as far as they went."
+)
+BENIGN = "Drives that need no help. The truth's row is what the controller does of its own accord."
+ATTRIBUTION = "Mean regret if the controller sees only a part of the estimate and the rest as it is."
+
+
+class Section(NamedTuple):
+    """A table with its title and what has to be known."""
+
+    title: str
+    text: str
+    sheet: Sheet
+
+
+def sections(runs: pl.DataFrame, summarised: pl.DataFrame) -> list[Section]:
+    """All that the table of runs has something to say about."""
+    found = (
+        ("Who lets the controller do its work", RANKING.format(counted=_counted(runs)), cells_of(summarised)),
+        ("Regret by cell", "Mean over seeds.", by_cell(runs)),
+        ("Attribution", ATTRIBUTION, details.attribution(runs)),
+        ("Differences to the drive with true states", DIFFERENCES, details.differences(runs)),
+        ("Gain and price of control", GAIN, details.gain_and_price(runs)),
+        ("Gain by cell", "Drives that ended badly, mean peak sideslip.", details.gain_by_cell(runs)),
+        ("Price by cell", "Mean brake energy, mean speed lost.", details.price_by_cell(runs)),
+        ("False interventions", BENIGN, details.false_interventions(runs)),
+        ("Errors and consistency", CONSISTENCY, details.consistency(summarised)),
+        ("Tunings", "The file of settings that each estimator was given.", details.tunings(runs)),
+    )
+    return [Section(title, text, sheet) for title, text, sheet in found if sheet is not None]
+
+
+def _counted(runs: pl.DataFrame) -> str:
+    """Which seeds the figures are of."""
+    runs = whole(runs)
+    there, counted = runs["seed"].n_unique(), len(complete_seeds(runs))
+    if not counted:
+        return "No seed was driven in every cell: means are of what there is, and there are no intervals."
+    if counted == 1:
+        return "One seed gives no intervals."
+    return f"Counted are the {counted} seeds that every cell has" + (f", of {there} begun." if there > counted else ".")
