@@ -96,7 +96,7 @@ def stability(values: Array, seeds: int, cells: int, rng: np.random.Generator) -
 
 def verdict(share: float, floor: float) -> str:
     """What a cell is good for."""
-    if floor > LUCK:
+    if not floor <= LUCK:  # nor is a cell whose truth drives all end badly anything else
         return "chaos"
     return "ranks" if share >= RANKS else "ranks nobody"
 
@@ -136,7 +136,8 @@ def floors(study: Study, seeds: int, jobs: int) -> dict[str, Floor]:
     for (cell, _), floor in zip(tasks, found, strict=True):
         if floor is not None:
             drives[cell.name].append(floor)
-    return {name: Floor(*np.mean(every, axis=0)) for name, every in drives.items() if every}
+    unknown = Floor(float("nan"), float("nan"))
+    return {name: Floor(*np.mean(every, axis=0)) if every else unknown for name, every in drives.items()}
 
 
 # -- tables -----------------------------------------------------------------------------------------------------------

@@ -100,9 +100,10 @@ def test_a_cell_s_own_ranges_take_the_place_of_the_study_s_and_leave_the_rest():
     bank = np.degrees([s.manoeuvre.bank for s in drawn])
     assert 0.8 <= mass.min() < 0.82 and 1.18 < mass.max() <= 1.2
     assert 2.9 < np.abs(bank).max() <= 3.0
-    for seed, scenario in enumerate(drawn):
-        assert scenario.manoeuvre.friction == CELL.scenario(RANDOM, seed).manoeuvre.friction
-        assert scenario.vehicle.rear_tyre == CELL.scenario(RANDOM, seed).vehicle.rear_tyre
+    for seed, scenario in enumerate(drawn[:20]):
+        studys = CELL.scenario(RANDOM, seed)
+        assert scenario.manoeuvre.friction == studys.manoeuvre.friction
+        assert scenario.vehicle.rear_tyre == studys.vehicle.rear_tyre
 
 
 def test_a_range_that_does_not_exist_is_refused_with_those_that_do():

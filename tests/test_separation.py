@@ -133,4 +133,37 @@ def test_a_drive_that_nothing_disturbs_has_no_floor_and_a_larger_disturbance_a_h
 
 def test_a_cell_whose_truth_ends_badly_has_no_floor_at_that_seed(separation):
     spins = Cell("spins", "sine_with_dwell", controller="none", settings={"amplitude_deg": 270, "friction": 0.9})
-    assert separation.floor_of(replace(STUDY, cells=(spins,)), spins, 0) is None
+    study = replace(STUDY, cells=(spins,))
+    assert separation.floor_of(study, spins, 0) is None
+    floor = separation.floors(study, 1, 1)["spins"]
+    assert separation.verdict(1.0, max(floor)) == "chaos"
+
+
+TABLE = """version = 1
+[[cell]]
+name = "here"
+manoeuvre = "sine_with_dwell"
+settings = { duration = 2.0 }
+[[cell]]
+name = "there"
+manoeuvre = "held_steer"
+settings = { duration = 2.0 }
+"""
+
+
+def test_the_program_reads_a_finished_table_and_drives_the_floor_alone(separation, tmp_path, monkeypatch, capsys):
+    (tmp_path / "mine.toml").write_text(TABLE)
+    values = np.random.default_rng(5).uniform(0, 1, (4, 2, 2))
+    cells = pl.col("cell").replace({"c0": "here", "c1": "there"})
+    table_of(values).with_columns(cells).write_parquet(tmp_path / "runs.parquet")
+    monkeypatch.setattr(separation, "evaluate", None)
+    monkeypatch.setenv("COLUMNS", "200")
+    arguments = [str(tmp_path / "mine.toml"), "--runs", str(tmp_path / "runs.parquet")]
+    monkeypatch.setattr(sys, "argv", ["separation.py", *arguments])
+    separation.main()
+    told = capsys.readouterr().out
+    assert "mine, 2 seeds" in told and "here" in told and "there" in told and "rank correlation" in told
+    monkeypatch.setattr(sys, "argv", ["separation.py", *arguments, "--cells", "nowhere"])
+    with pytest.raises(SystemExit):
+        separation.main()
+    assert "no such cell: nowhere; known: here, there" in capsys.readouterr().err
