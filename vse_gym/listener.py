@@ -92,7 +92,7 @@ class Listener:
         old = self._past[0]
         values = {name: float(old[WHERE[name]]) for name in marker.fields}
         if "vy" in values:
-            values["vy"] *= marker.gain
+            values["vy"] = marker.gain * values["vy"] + marker.bias
         known = np.array([name in marker.fields for name in MOTION[:3]])
         cov = np.where(known[:, None] | known, 0.0, estimate.cov)
         return estimate._replace(cov=cov, **values)

@@ -58,6 +58,13 @@ def test_the_gain_is_on_lateral_speed_alone():
             assert getattr(frame.estimate, name) == getattr(frame.truth, name)
 
 
+def test_the_bias_comes_after_the_gain_and_on_lateral_speed_alone():
+    for frame in frames_of(Truth(gain=0.5, bias=0.5)):
+        assert frame.estimate.vy == 0.5 * frame.truth.vy + 0.5
+        for name in set(MOTION) - {"vy"}:
+            assert getattr(frame.estimate, name) == getattr(frame.truth, name)
+
+
 def test_true_velocity_takes_the_rest_from_the_last_reading_that_was_heard():
     heard, silent = dict.fromkeys(("yaw_rate", "ax", "ay"), 0.0), 0
     for frame in frames_of("truth_velocity"):

@@ -8,6 +8,7 @@ import pytest
 from vse_gym.evaluation import Cell, Randomise
 from vse_gym.physics import parameters as p
 from vse_gym.sensors import stream
+from vse_gym.vehicles import load
 
 RANDOM = Randomise(speed=1.0, steer=0.1, friction=0.03, mass=(1.0, 1.25), stiffness=(0.75, 1.0))
 CELL = Cell("short", "sine_with_dwell", settings={"speed_kmh": 80, "amplitude_deg": 120, "friction": 0.5})
@@ -35,7 +36,7 @@ def test_draws_stay_within_what_is_written():
     assert 60 < np.sum(steer > 0) < 140  # a fair coin: five standard deviations of 7
 
 
-CONDITIONS = replace(RANDOM, steering_offset=0.01, radius_error=0.02, slope=0.03, bank=0.04)
+CONDITIONS = replace(RANDOM, steering_offset=0.01, radius_error=0.02, slope=0.03, bank=0.04, gravity_shift=0.15)
 
 
 def test_conditions_of_the_truth_are_drawn_within_what_is_written_and_told_to_nobody():
@@ -45,6 +46,7 @@ def test_conditions_of_the_truth_are_drawn_within_what_is_written_and_told_to_no
         ([s.manoeuvre.slope for s in drawn], 0.03),
         ([s.manoeuvre.bank for s in drawn], 0.04),
         *(([s.vehicle.radius_error[i] for s in drawn], 0.02) for i in range(4)),
+        ([s.vehicle.lf - s.nominal.vehicle.lf for s in drawn], 0.15),
     ):
         assert 0.95 * most < np.max(values) <= most and -most <= np.min(values) < -0.95 * most
     wheels = np.array([s.vehicle.radius_error for s in drawn])
@@ -53,6 +55,7 @@ def test_conditions_of_the_truth_are_drawn_within_what_is_written_and_told_to_no
     for s in drawn:
         told = s.nominal.vehicle
         assert told.steering_offset == 0 and told.radius_error == p.PerWheel()
+        assert s.vehicle.wheelbase == pytest.approx(told.wheelbase, abs=1e-12)
         road = s.road
         assert road.slope.tolist() == [s.manoeuvre.slope] and road.bank.tolist() == [s.manoeuvre.bank]
 
@@ -69,3 +72,40 @@ def test_conditions_leave_what_was_drawn_without_them_as_it_was():
         assert drawn.vehicle.mass == drawn.nominal.vehicle.mass * mass
         told = drawn.nominal.vehicle.rear_tyre.cornering_stiffness
         assert drawn.vehicle.rear_tyre.cornering_stiffness == told * stiffness
+
+
+def test_each_condition_leaves_the_others_draws_as_they_were():
+    for seed in range(20):
+        with_all = CELL.scenario(CONDITIONS, seed).vehicle
+        without_shift = CELL.scenario(replace(CONDITIONS, gravity_shift=0.0), seed).vehicle
+        assert without_shift.lf == load(CELL.vehicle).lf
+        assert with_all._replace(lf=without_shift.lf, lr=without_shift.lr) == without_shift
+
+
+def test_a_centre_of_gravity_further_back_makes_the_car_oversteer_more():
+    """K = m (lr Cr - lf Cf)/(l Cf Cr): its slope over the shift is -m (Cf + Cr)/(l Cf Cr), whatever else is drawn."""
+    for seed in range(20):
+        moved = CELL.scenario(CONDITIONS, seed)
+        car, told = moved.vehicle, moved.nominal.vehicle
+        front, rear = (2 * tyre.cornering_stiffness for tyre in (car.front_tyre, car.rear_tyre))
+        slope = -car.mass * (front + rear) / (told.wheelbase * front * rear)
+        middle = car._replace(lf=told.lf, lr=told.lr).understeer_gradient
+        assert car.understeer_gradient - middle == pytest.approx(slope * (car.lf - told.lf), rel=1e-9)
+
+
+def test_a_cell_s_own_ranges_take_the_place_of_the_study_s_and_leave_the_rest():
+    own = replace(CELL, randomise={"bank_deg": 3.0, "mass": [0.8, 1.2]})
+    drawn = [own.scenario(RANDOM, seed) for seed in range(200)]
+    mass = np.array([s.vehicle.mass for s in drawn]) / load(CELL.vehicle).mass
+    bank = np.degrees([s.manoeuvre.bank for s in drawn])
+    assert 0.8 <= mass.min() < 0.82 and 1.18 < mass.max() <= 1.2
+    assert 2.9 < np.abs(bank).max() <= 3.0
+    for seed, scenario in enumerate(drawn[:20]):
+        studys = CELL.scenario(RANDOM, seed)
+        assert scenario.manoeuvre.friction == studys.manoeuvre.friction
+        assert scenario.vehicle.rear_tyre == studys.vehicle.rear_tyre
+
+
+def test_a_range_that_does_not_exist_is_refused_with_those_that_do():
+    with pytest.raises(TypeError, match=r"cannot randomise tilt; known: speed, .*gravity_shift"):
+        replace(CELL, randomise={"tilt_deg": 3.0})

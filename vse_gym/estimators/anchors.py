@@ -24,6 +24,7 @@ class Truth(Estimator):
     fields: tuple[str, ...] = MOTION
     delay: float = 0.0  # age of what is filled in [s]
     gain: float = 1.0  # on vy [-]
+    bias: float = 0.0  # added to vy after that [m/s]
     inner: Estimator | None = None  # whose estimate the other fields keep; None: nothing known of them
 
     def __post_init__(self) -> None:

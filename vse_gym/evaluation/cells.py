@@ -26,6 +26,19 @@ class Randomise:
     radius_error: float = 0.0  # +/- of each wheel by itself, relative [-]
     slope: float = 0.0  # +/- [rad]
     bank: float = 0.0  # +/- [rad]
+    gravity_shift: float = 0.0  # +/- of the centre of gravity, positive rearwards, the axles where they are [m]
+
+    def with_changes(self, table: Mapping[str, Any]) -> "Randomise":
+        """These ranges but for those that a table of a study's file names, SI or with a unit's suffix.
+
+        Raises:
+            TypeError: If there is no such range; the message names those that exist.
+        """
+        changes: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in si(table).items()}
+        known = [f.name for f in fields(self)]
+        if wrong := sorted(changes.keys() - set(known)):
+            raise TypeError(f"cannot randomise {', '.join(wrong)}; known: {', '.join(known)}")
+        return replace(self, **changes)
 
 
 @dataclass(frozen=True)
@@ -44,8 +57,10 @@ class Cell:
     plant: str = "double_track"
     benign: bool = False  # a drive that needs no help: only needless braking counts
     settings: Mapping[str, Any] = field(default_factory=dict)  # of the manoeuvre, SI or with a unit's suffix
+    randomise: Mapping[str, Any] = field(default_factory=dict)  # ranges that differ from the study's, likewise
 
     def __post_init__(self) -> None:
+        Randomise().with_changes(self.randomise)
         CONTROLLERS[self.controller], suite(self.sensors), load(self.vehicle)
         MANOEUVRES.make(self.manoeuvre, **si(self.settings))
 
@@ -53,6 +68,7 @@ class Cell:
         """The cell as one seed draws it; estimators are told what is written."""
         written = MANOEUVRES.make(self.manoeuvre, **si(self.settings))
         car, noise = load(self.vehicle), suite(self.sensors)
+        randomise = randomise.with_changes(self.randomise)
         draw = stream(seed, f"cell/{self.name}")
         ranges = (randomise.speed, randomise.steer, randomise.friction)
         speed, steer, friction = (draw.uniform(-r, r) for r in ranges)
@@ -73,7 +89,13 @@ class Cell:
         conditions = [randomise.steering_offset, *4 * [randomise.radius_error], randomise.slope, randomise.bank]
         offset, *radius_errors, slope, bank = (draw.uniform(-r, r) for r in conditions)
         changes |= {"slope": written.slope + slope, "bank": written.bank + bank}
-        driven = _changed(car, mass, stiffness)._replace(steering_offset=offset, radius_error=PerWheel(*radius_errors))
+        shift = draw.uniform(-randomise.gravity_shift, randomise.gravity_shift)
+        driven = _changed(car, mass, stiffness)._replace(
+            steering_offset=offset,
+            radius_error=PerWheel(*radius_errors),
+            lf=car.lf + shift,
+            lr=car.lr - shift,
+        )
         way: dict[str, Any] = {"integrator": fitting_integrator(driven), "plant": self.plant}
         return Scenario(replace(written, **changes), driven, noise, told, **way)
 
