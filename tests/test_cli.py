@@ -99,7 +99,7 @@ WRONG = [
     (["run", "straight_driving", "--amplitude-deg", "10"], "amplitude"),
     (["run", "straight_driving", "--plot", "tests"], "ending"),
     (["run", "straight_driving", "--plot", "a.jpgg"], "jpgg"),
-    (["bench", "headlin"], "known: demo"),
+    (["bench", "headlin"], "known: attribution-v1, demo"),
     (["run", "straight_driving", "--vehicle", "[bold]x"], "'[bold]x'"),
     (["bench", "demo", "--estimators", "ekf,ukff"], "no estimator named 'ukff'"),
     (["run", "sine_with_dwell", "--speed-kmh", "80kmh"], "--speed-kmh"),

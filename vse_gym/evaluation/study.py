@@ -3,11 +3,9 @@
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from vse_gym.evaluation.cells import Cell, Randomise
 from vse_gym.evaluation.contenders import digest
-from vse_gym.manoeuvres.base import si
 from vse_gym.registry import UnknownNameError
 
 
@@ -56,12 +54,10 @@ class Study:
             known = ", ".join(study_names())
             raise UnknownNameError(f"no study named {str(name)!r}; known: {known}, or the path of a .toml file")
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-        draw: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in si(table.pop("randomise", {})).items()
-        }
+        draw = Randomise().with_changes(table.pop("randomise", {}))
         cells = tuple(Cell(**cell) for cell in table.pop("cell", ()))
         estimators = tuple(table.pop("estimators", ()))
-        return cls(path.stem, cells=cells, estimators=estimators, randomise=Randomise(**draw), **table)
+        return cls(path.stem, cells=cells, estimators=estimators, randomise=draw, **table)
 
 
 def _studies_folder() -> Path:
