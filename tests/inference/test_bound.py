@@ -1,4 +1,4 @@
-"""The bound: Riccati's covariance where that is exact, a scalar's closed form, and never above what a filter reaches."""
+"""The bound: Riccati's covariance where that is exact, a scalar's closed form, never above what a filter reaches."""
 
 import numpy as np
 import pytest
@@ -79,7 +79,7 @@ def noisy_drives(model, drives, steps, alpha):
 
 
 def assert_not_below(errors, least):
-    """Mean squared errors (drives, T, n) against the bound's variances (T, n), within four standard errors of theirs."""
+    """Mean squared errors (drives, T, n) against the bound's variances (T, n), within four standard errors."""
     ratio = (errors**2 / least).mean(axis=(1, 2))
     spread = ratio.std() / np.sqrt(ratio.size)
     assert ratio.mean() > 1 - 4 * spread

@@ -15,7 +15,6 @@ import numpy as np
 
 from vse_gym import metrics
 from vse_gym.estimators.base import Estimator
-from vse_gym.estimators.particle import BootstrapParticleFilter
 from vse_gym.evaluation.cells import Cell, Randomise
 from vse_gym.inference.bound import Expectations, bound, draw_states, expectations
 from vse_gym.inference.model import heed, observe
@@ -29,9 +28,16 @@ from vse_gym.types import CHANNELS, U_STEER, Y_AX, Y_AY, Y_ROLL_RATE, Y_YAW_RATE
 
 # Nothing stands for a wrong model, for there is none. Per step the process noise is of the size of what the loud set's
 # readings of that step tell, so that neither decides alone.
-TRUST = {"vx_noise": 0.2, "vy_noise": 0.3, "yaw_noise": 0.1, "vx_prior": 0.5, "vy_prior": 0.2, "yaw_prior": 0.02}
-EXACT = {"ax_error": 0.0, "ay_error": 0.0, "yaw_rate_error": 0.0, "wheel_error": 0.0, "slip": 0.0}
-TUNINGS: dict[type, ModelTuning] = {kind: kind(**TRUST, **EXACT) for kind in (SingleTrackTuning, DoubleTrackTuning)}
+TRUST: dict[str, Any] = {
+    "vx_noise": 0.2,
+    "vy_noise": 0.3,
+    "yaw_noise": 0.1,
+    "vx_prior": 0.5,
+    "vy_prior": 0.2,
+    "yaw_prior": 0.02,
+}
+EXACT: dict[str, Any] = {"ax_error": 0.0, "ay_error": 0.0, "yaw_rate_error": 0.0, "wheel_error": 0.0, "slip": 0.0}
+TUNINGS: dict[type, Any] = {kind: kind(**TRUST, **EXACT) for kind in (SingleTrackTuning, DoubleTrackTuning)}
 
 INERTIAL = [Y_AX, Y_AY, Y_YAW_RATE, Y_ROLL_RATE]  # channels that a suite's alpha makes heavy-tailed
 SAMPLES, BATCHES = 400, 8  # drives that the bound's expectations are averaged over, and parts to see their error
@@ -107,7 +113,7 @@ def matched_drive(scenario: Scenario, tuning: ModelTuning, seed: int) -> Log:
     """
     noise_information(scenario.sensors)
     model, inputs = tuning.build(scenario.nominal), steering(scenario)
-    steps = len(inputs)
+    steps, none = len(inputs), np.zeros((len(inputs), 4))
     unheard = np.full((steps, len(CHANNELS)), np.nan)
     states = draw_states(model, inputs, unheard, 1, stream(seed, "matched/states"))[1:]
     held = [heed(model, u, y) for u, y in zip(inputs, unheard, strict=True)]
@@ -116,9 +122,8 @@ def matched_drive(scenario: Scenario, tuning: ModelTuning, seed: int) -> Log:
     readings = np.where(record.silent, np.nan, clean + record.added)
     truth = np.zeros((steps, p.STATE_SIZE))
     truth[:, [p.VX, p.VY, p.YAW_RATE]], truth[:, [p.AX, p.AY]] = states[:, :, 0], clean[:, Y_AX : Y_AX + 2]
-    none = np.zeros((steps, 4))
     return Log(
-        time=scenario.dt * np.arange(steps),
+        time=scenario.dt * np.arange(steps, dtype=float),
         truth=truth,
         hand_wheel=inputs[:, U_STEER] * scenario.vehicle.steering_ratio,
         steer=inputs[:, U_STEER],
@@ -153,7 +158,8 @@ def matched_bound(scenario: Scenario, tuning: ModelTuning, samples: int = SAMPLE
         *terms, slope = averages
         cov = bound(model.prior_cov, precision, Expectations(*terms))
         variances = np.einsum("ti,tij,tj->t", slope, cov, slope), cov[:, 0, 0]
-        return np.sqrt(np.mean(variances, axis=1))
+        least: Array = np.sqrt(np.mean(variances, axis=1))
+        return least
 
     parts = []
     for _ in range(BATCHES):
@@ -219,7 +225,7 @@ def matched(estimator: Estimator, sensors: Sensors) -> Estimator:
     settings: dict[str, Any] = {}
     if (kind := type(getattr(estimator, "model", None))) in TUNINGS:
         settings["model"] = TUNINGS[kind]
-    if isinstance(estimator, BootstrapParticleFilter) and estimator.cauchy_share > 0:
+    if hasattr(estimator, "heavy"):
         settings["heavy"] = tuple(CHANNELS[k] for k in INERTIAL)
         share = contamination(sensors.alpha, sensors.alpha_rule)
         settings["alpha"] = math.sqrt(4 / (1 + 3 * share))  # whose share, by the filter's own rule, is that
