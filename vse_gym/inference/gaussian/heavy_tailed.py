@@ -40,10 +40,10 @@ def cauchy_rungs() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Weights and variances (RUNGS,) of Gaussians whose mixture is the Cauchy law of scale 1 to 4 % of its density.
 
     A Cauchy variate is a normal one of variance 1/c, with c from the chi-square law of one degree of freedom: a rung
-    has the probability that this variance lies within a factor of two of its own, the first and the last what is beyond.
-    Beyond five thousand times the scale, where the last one ends, tails are Gaussian.
+    has the probability that this variance lies within a factor of two of its own, and the outer ones what is beyond.
+    From some ten thousand times the scale on, where the last one ends, tails are Gaussian.
     """
-    variances: NDArray[np.float64] = 4.0 ** np.arange(-2, RUNGS - 2)
+    variances = np.array([4.0**k for k in range(-2, RUNGS - 2)])
     beyond = [math.erf(math.sqrt(0.5 / (2 * v))) for v in variances[:-1]]  # P(1/c > 2 v)
     at_least = np.array([1.0, *beyond, 0.0])
     return at_least[:-1] - at_least[1:], variances
