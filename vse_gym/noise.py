@@ -71,7 +71,7 @@ def fisher_information(share: float, sigma: float = 1.0, ratio: float = math.sqr
         return slope * slope / (core + tail)
 
     edges = (0.0, *sorted((0.3 * ratio, ratio, 1.0, 3 * ratio, 3.0, 10.0)), math.inf)
-    total = sum(quad(integrand, a, b, epsrel=1e-10)[0] for a, b in itertools.pairwise(edges))
+    total = sum(quad(integrand, a, b, epsabs=0.0, epsrel=1e-10)[0] for a, b in itertools.pairwise(edges))
     return float(2 * total / sigma**2)
 
 
