@@ -11,6 +11,7 @@ from vse_gym.noise import (
     cauchy_gaussian,
     contamination,
     episodes,
+    fisher_information,
     growing_sigma,
     random_walk,
     student_t,
@@ -96,6 +97,55 @@ def test_draws_follow_the_cauchy_gaussian_density(alpha, scale, seed, rule):
 def test_the_core_has_the_variance_that_a_kalman_filter_is_told():
     draws = cauchy_gaussian(2.0, 0.7, (100_000,), np.random.default_rng(0))
     assert draws.var() == pytest.approx(2 * 0.7**2, rel=0.02)  # a variance of n normal draws spreads by sqrt(2/n)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "information"), [(2.0, 1.0), (1.9, 0.977), (1.75, 0.947), (1.5, 0.903), (1.3, 0.883)]
+)
+def test_the_mixture_tells_nearly_as_much_of_its_location_as_its_core_alone(alpha, information):
+    assert fisher_information(contamination(alpha)) == pytest.approx(information, abs=6e-4)
+
+
+@pytest.mark.parametrize(
+    ("share", "narrow", "wide"),
+    [(0.05, 0.949, 0.901), (0.10, 0.908, 0.822), (0.20, 0.839, 0.685), (0.50, 0.677, 0.364)],
+)
+def test_a_wider_cauchy_part_tells_less(share, narrow, wide):
+    assert fisher_information(share, ratio=1.0) == pytest.approx(narrow, abs=6e-4)
+    assert fisher_information(share, ratio=3.0) == pytest.approx(wide, abs=6e-4)
+
+
+@given(st.floats(0.01, 100))
+def test_fisher_information_of_the_pure_laws_is_theirs(sigma):
+    assert fisher_information(0.0, sigma) == pytest.approx(1 / sigma**2, rel=1e-12)
+    assert fisher_information(1.0, 1.0, sigma) == pytest.approx(1 / (2 * sigma**2), rel=1e-8)  # Cauchy of that scale
+
+
+@given(st.floats(0, 1), st.floats(0.01, 100), st.floats(0.1, 10))
+def test_fisher_information_falls_with_the_square_of_the_scale(share, sigma, ratio):
+    assert fisher_information(share, sigma, ratio) * sigma**2 == pytest.approx(
+        fisher_information(share, 1.0, ratio), rel=1e-12
+    )
+
+
+@given(st.floats(0, 1), st.floats(0.1, 10))
+def test_a_mixture_tells_no_more_than_if_it_said_which_part_a_draw_is_from(share, ratio):
+    assert fisher_information(share, ratio=ratio) <= (1 - share) + share / (2 * ratio**2) + 1e-9
+
+
+@pytest.mark.parametrize("alpha", [1.3, 1.75])
+def test_fisher_information_is_the_mean_squared_score_of_draws(alpha):
+    share, size = contamination(alpha), 400_000
+    z = cauchy_gaussian(alpha, np.sqrt(0.5), (size,), np.random.default_rng(0))
+    density = lambda x: share * stats.cauchy.pdf(x, scale=np.sqrt(0.5)) + (1 - share) * stats.norm.pdf(x)  # noqa: E731
+    square = ((np.log(density(z + 1e-5)) - np.log(density(z - 1e-5))) / 2e-5) ** 2
+    assert square.mean() == pytest.approx(fisher_information(share), abs=4 * square.std() / np.sqrt(size))
+
+
+@pytest.mark.parametrize(("share", "sigma", "ratio"), [(-0.1, 1, 1), (1.1, 1, 1), (0.5, 0, 1), (0.5, 1, -1)])
+def test_fisher_information_of_no_law_is_refused(share, sigma, ratio):
+    with pytest.raises(ValueError, match="share must lie in"):
+        fisher_information(share, sigma, ratio)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -19,6 +19,7 @@ ESTIMATORS: Registry[Any] = Registry(
         "ukf_double_track": "vse_gym.estimators.gaussian:DoubleTrackUnscentedKalmanFilter",
         "ckf": "vse_gym.estimators.gaussian:CubatureKalmanFilter",
         "sr_ukf": "vse_gym.estimators.gaussian:SquareRootUnscentedKalmanFilter",
+        "ekf_cauchy_gaussian": "vse_gym.estimators.gaussian:CauchyGaussianKalmanFilter",
         "enkf": "vse_gym.estimators.ensemble:EnsembleKalmanFilter",
         "pf": "vse_gym.estimators.particle:BootstrapParticleFilter",
         "pf_cauchy_gaussian": "vse_gym.estimators.particle:CauchyGaussianParticleFilter",

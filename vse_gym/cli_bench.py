@@ -107,6 +107,9 @@ def show(runs: "polars.DataFrame", title: str) -> None:
     """The tables of a study on the screen."""
     from vse_gym import report
 
+    if "bound_sideslip_deg" in runs.columns:
+        _show_bound(runs, title)
+        return
     screen.print(report.on_screen(*report.cells_of(report.summary(runs), narrow=True), title=escape(title), whole=3))
     screen.print(report.LEGEND, style="dim", highlight=False)
     for block in report.in_blocks(*report.by_cell(runs)):
@@ -115,11 +118,26 @@ def show(runs: "polars.DataFrame", title: str) -> None:
         screen.print(escape(line), style="red", highlight=False)
 
 
+def _show_bound(runs: "polars.DataFrame", title: str) -> None:
+    from vse_gym.report import on_screen
+    from vse_gym.report.bound import LEGEND, bound_cells, multiples
+
+    times = multiples(runs)
+    for (cell,), part in times.group_by(["cell"], maintain_order=True):
+        heads, rows = bound_cells(part, narrow=True)
+        screen.print(on_screen(heads, rows, title=escape(f"{title}: {cell}")))
+    screen.print(LEGEND, style="dim", highlight=False)
+
+
 def _write(runs: "polars.DataFrame", folder: Path, command: str) -> None:
     from vse_gym import report
+    from vse_gym.report.bound import write_bound
 
     with screen.status("drawing"):
-        report.write_tables(runs, folder, command)
+        if "bound_sideslip_deg" in runs.columns:
+            write_bound(runs, folder, command)
+        else:
+            report.write_tables(runs, folder, command)
     screen.print(f"written: {escape(str(folder))}")
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 from vse_gym.catalogue import ESTIMATORS
-from vse_gym.estimators.gaussian import GaussianFilter
+from vse_gym.estimators.gaussian import CauchyGaussianKalmanFilter, GaussianFilter
 from vse_gym.inference.linear import matrices
 from vse_gym.inference.model import advance, attend, heed, observe
 from vse_gym.models import DoubleTrackTuning, LinearBicycleTuning, Nominal, SingleTrackTuning
@@ -21,8 +21,8 @@ TUNINGS = {"single": SingleTrackTuning(**TRUST), "double": DoubleTrackTuning(**T
 FILTERS = [
     (name, "double" if "double" in name else "single", {})
     for name in ESTIMATORS
-    if issubclass(ESTIMATORS[name], GaussianFilter)
-] + [("enkf", "single", {"size": 2000})]
+    if issubclass(ESTIMATORS[name], GaussianFilter) and ESTIMATORS[name] is not CauchyGaussianKalmanFilter
+] + [("enkf", "single", {"size": 2000}), ("ekf_cauchy_gaussian", "single", {"alpha": 2.0})]
 
 
 @pytest.fixture(scope="module")

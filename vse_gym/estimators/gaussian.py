@@ -16,14 +16,18 @@ from vse_gym.inference.gaussian import (
     Cubature,
     Extended,
     Gated,
+    HeavyTailed,
     SquareRootUnscented,
     Unscented,
+    cauchy_rungs,
     covariance,
     filter_update,
     keep,
 )
 from vse_gym.models import DoubleTrackTuning, ModelTuning, Nominal, SingleTrackTuning
-from vse_gym.types import Array, Estimate, Reading
+from vse_gym.models.tuning import tunable
+from vse_gym.noise import contamination
+from vse_gym.types import CHANNELS, Array, Estimate, Reading
 
 
 class GaussianState(NamedTuple):
@@ -179,6 +183,30 @@ class CubatureKalmanFilter(GaussianFilter):
     """Points along the axes of the covariance, all of one weight. Arasaratnam, Haykin (2009)."""
 
     rule: ClassVar[Cubature] = Cubature()
+
+
+@dataclass(frozen=True)
+class CauchyGaussianKalmanFilter(GaussianFilter):
+    """The extended filter that expects heavy tails: Masreliez (1975), for the noise law of Qin et al. (2014).
+
+    Raises:
+        ValueError: If alpha lies outside [1, 2], or there is no such channel.
+    """
+
+    alpha: float = tunable(1.5, 1.0, 2.0)  # characteristic exponent of the noise, 2 is Gaussian [-]
+    heavy: tuple[str, ...] = ("ax", "ay", "yaw_rate", "roll_rate")  # channels with such noise; others are Gaussian
+
+    def __post_init__(self) -> None:
+        contamination(self.alpha)
+        if wrong := set(self.heavy) - set(CHANNELS):
+            raise ValueError(f"heavy names no such channel: {sorted(wrong)}; known: {', '.join(CHANNELS)}")
+
+    @property
+    def rule(self) -> HeavyTailed:
+        weights, variances = cauchy_rungs()
+        share = np.array([[contamination(self.alpha) * (name in self.heavy)] for name in CHANNELS])
+        # The Cauchy part's scale is the core's sigma over sqrt 2
+        return HeavyTailed(np.hstack((1 - share, share * weights)), np.concatenate(([1.0], 0.5 * variances)))
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Particle filters: tunings of :mod:`vse_gym.inference.particle`."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from vse_gym.estimators.base import Estimator
 from vse_gym.inference.particle import bootstrap_step, draw
 from vse_gym.models import ModelTuning, Nominal, SingleTrackTuning
 from vse_gym.models.tuning import tunable
-from vse_gym.types import Array, Estimate, Reading
+from vse_gym.types import CHANNELS, Array, Estimate, Reading
 
 # From the random search that the Kalman filters' defaults come from, with the same budget. Theirs starves a
 # bootstrap filter: among particles spread by that much process noise, a good gyro would leave a handful alive.
@@ -22,6 +23,12 @@ TUNING = SingleTrackTuning(
     yaw_rate_error=0.036,
     wheel_error=0.16,
 )
+
+
+@lru_cache(maxsize=64)
+def _shares(share: float, heavy: tuple[str, ...]) -> Array:
+    """Cauchy share of each channel, (10,)."""
+    return np.array([share * (name in heavy) for name in CHANNELS])
 
 
 class Particles(NamedTuple):
@@ -40,13 +47,15 @@ class BootstrapParticleFilter(Estimator):
     """Propose from the model, weigh by the likelihood. Gordon, Salmond, Smith (1993).
 
     Raises:
-        ValueError: If the likelihood is neither "gaussian" nor "cauchy_gaussian", or a number is out of range.
+        ValueError: If the likelihood is neither "gaussian" nor "cauchy_gaussian", a number is out of range, or there is
+            no such channel.
     """
 
     model: ModelTuning = TUNING
     size: int = 500  # N
     likelihood: str = "gaussian"
     alpha: float = 1.5  # characteristic exponent of the Cauchy-Gaussian likelihood, 2 is Gaussian [-]
+    heavy: tuple[str, ...] = CHANNELS  # channels whose likelihood is Cauchy-Gaussian, if any is; others are Gaussian
     resample_below: float = 0.5  # effective sample size over N [-]
 
     def __post_init__(self) -> None:
@@ -54,6 +63,8 @@ class BootstrapParticleFilter(Estimator):
             raise ValueError(f"likelihood must be 'gaussian' or 'cauchy_gaussian', not {self.likelihood!r}")
         if self.size < 2 or not 1 <= self.alpha <= 2:
             raise ValueError(f"size must be at least 2 and alpha in [1, 2], not {self.size} and {self.alpha}")
+        if wrong := set(self.heavy) - set(CHANNELS):
+            raise ValueError(f"heavy names no such channel: {sorted(wrong)}; known: {', '.join(CHANNELS)}")
 
     @property
     def cauchy_share(self) -> float:
@@ -78,7 +89,7 @@ class BootstrapParticleFilter(Estimator):
                 memory,
                 reading.inputs,
                 reading.y,
-                self.cauchy_share,
+                _shares(self.cauchy_share, self.heavy),
                 float(self.resample_below),
                 rng,
             ),

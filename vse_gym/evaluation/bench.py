@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.base import Estimator
-from vse_gym.evaluation.cells import Cell
 from vse_gym.evaluation.contenders import Contender, Judged, contenders
+from vse_gym.evaluation.matched import run_matched
 from vse_gym.evaluation.parallel import in_parallel
 from vse_gym.evaluation.results import Finished, Results
 from vse_gym.evaluation.runs import run_cell
@@ -45,13 +45,15 @@ class Bench:
         if self.seeds < 1:
             raise ValueError(f"seeds must be at least 1, not {self.seeds}")
 
-    def tasks(self) -> list[tuple[Study, Cell, int, tuple[Contender, ...], bool]]:
-        """Arguments of every call of :func:`run_cell` that is still to be made."""
-        out = []
+    def tasks(self) -> list[tuple[Any, ...]]:
+        """Arguments of every call of :func:`run_cell`, or of :func:`run_matched`, that is still to be made."""
+        out: list[tuple[Any, ...]] = []
         for seed in self.numbers:  # seeds first: an early end leaves whole seeds, which can be compared
             for cell in self.study.cells:
                 lacking, potential = self.finished.missing(cell.name, seed, self.judged)
-                if lacking or potential:
+                if self.study.matched:
+                    out += [(self.study, cell, seed, lacking)] if lacking else []
+                elif lacking or potential:
                     out.append((self.study, cell, seed, lacking, potential))
         return out
 
@@ -83,7 +85,8 @@ class Bench:
         total = len(self.study.cells) * self.seeds
         done = total - len(tasks)
         progress(done, total)
-        for rows in in_parallel(run_cell, tasks, self.jobs, self.backend):
+        run = run_matched if self.study.matched else run_cell
+        for rows in in_parallel(run, tasks, self.jobs, self.backend):
             self.finished.add(rows)
             done += 1
             progress(done, total)
@@ -102,7 +105,12 @@ class Bench:
 
         Returns:
             The bench with the seeds that it took.
+
+        Raises:
+            ValueError: If the study is a matched one, whose drives have no regret; and as :meth:`drive`.
         """
+        if self.study.matched:
+            raise ValueError(f"study {self.study.name!r} has no regret whose precision could be asked for: give seeds")
         from vse_gym.report.statistics import precision as half_width
 
         self.drive(progress)

@@ -19,6 +19,7 @@ from vse_gym.evaluation.contenders import POTENTIAL, Contender
 from vse_gym.evaluation.drawn import Drawn, draw
 from vse_gym.evaluation.provenance import commit, machine, package_version
 from vse_gym.evaluation.study import Study
+from vse_gym.models import Nominal
 from vse_gym.replay import shadow
 from vse_gym.simulation import rollout
 from vse_gym.types import Log
@@ -61,12 +62,12 @@ def run_cell(study: Study, cell: Cell, seed: int, contenders: Sequence[Contender
     if potential:
         alone = rollout(drawn.scenario, "truth", "none", drawn.seed)
         names = Contender(POTENTIAL, ALONE).columns | {"tuning": "", "tuning_digest": ""}
-        rows.append(head | names | _loop(drawn, alone) | _took(begin))
+        rows.append(head | names | _loop(drawn, alone) | took(begin))
     for contender in contenders:
         begin = perf_counter()
-        heard = _shadow(drawn, contender.estimator)
+        heard = shadow_columns(drawn.truth, contender.estimator, drawn.scenario.nominal, drawn.seed)
         log = rollout(drawn.scenario, contender.estimator, cell.controller, drawn.seed)
-        rows.append(head | contender.columns | _loop(drawn, log) | heard | _took(begin))
+        rows.append(head | contender.columns | _loop(drawn, log) | heard | took(begin))
     return rows
 
 
@@ -89,14 +90,15 @@ def heading(study: Study, cell: Cell, seed: int) -> Row:
     }
 
 
-def _took(begin: float) -> Row:
+def took(begin: float) -> Row:
+    """How long a row's work took, and where."""
     return {"seconds": perf_counter() - begin, "machine": machine()}
 
 
-def _shadow(drawn: Drawn, estimator: Estimator) -> Row:
-    """Columns of an estimator that listens to the truth's drive."""
-    heard = shadow(drawn.truth, estimator, drawn.scenario.nominal, drawn.seed)
-    e = metrics.errors(drawn.truth.truth, heard.estimate, heard.cov, heard.nis, heard.effective_size)
+def shadow_columns(log: Log, estimator: Estimator, nominal: Nominal, seed: int) -> Row:
+    """Columns of an estimator that listens to a drive."""
+    heard = shadow(log, estimator, nominal, seed)
+    e = metrics.errors(log.truth, heard.estimate, heard.cov, heard.nis, heard.effective_size)
     direct: Row = {f"shadow_{k}": v for k, v in metrics.direct(e).items()}
     if heard.ended:  # errors of the part that it survived would flatter it
         direct = {k: None if isinstance(v, float) else True for k, v in direct.items()}

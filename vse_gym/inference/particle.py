@@ -69,21 +69,24 @@ def cauchy_gaussian_density(z, share):
 
 @compiled
 def log_likelihood(expected, y, variances, share):
-    """Log density (N,) of reading y (m,) where (m, N) is expected, up to a constant; NaN variances add nothing."""
+    """Log density (N,) of reading y (m,) where (m, N) is expected, up to a constant; NaN variances add nothing.
+
+    ``share`` is the Cauchy share of every channel, or one for each (m,).
+    """
     size = expected.shape[1]
-    total = np.zeros(size)
+    total, shares = np.zeros(size), np.zeros(y.size) + share
     for i in range(y.size):
         if math.isnan(variances[i]):
             continue
         precision = 1 / math.sqrt(variances[i])
         row = expected[i]
-        if share == 0.0:
+        if shares[i] == 0.0:
             for j in range(size):
                 z = (y[i] - row[j]) * precision
                 total[j] -= 0.5 * z * z
         else:
             for j in range(size):
-                total[j] += math.log(cauchy_gaussian_density((y[i] - row[j]) * precision, share))
+                total[j] += math.log(cauchy_gaussian_density((y[i] - row[j]) * precision, shares[i]))
     return total
 
 
@@ -91,8 +94,8 @@ def log_likelihood(expected, y, variances, share):
 def bootstrap_step(model, states, weights, memory, u, y, share, resample_below, rng):
     """Propose from the model, weigh by the likelihood, resample when few particles carry the weight.
 
-    Gordon, Salmond, Smith (1993). ``share`` is the Cauchy share of the likelihood (0: Gaussian); resampling happens
-    when the effective sample size falls below ``resample_below`` N.
+    Gordon, Salmond, Smith (1993). ``share`` is the Cauchy share of the likelihood (0: Gaussian), of all channels
+    or one each (m,); resampling happens when the effective sample size falls below ``resample_below`` N.
 
     Returns:
         states (n, N), weights (N,) summing to one, memory, cov (n, n), positive definite,

@@ -3,6 +3,7 @@
 from vse_gym.inference.gaussian.cubature import Cubature
 from vse_gym.inference.gaussian.extended import Extended
 from vse_gym.inference.gaussian.gate import Gated
+from vse_gym.inference.gaussian.heavy_tailed import HeavyTailed, cauchy_rungs
 from vse_gym.inference.gaussian.recursion import (
     correct,
     covariance,
@@ -20,8 +21,10 @@ __all__ = [
     "Cubature",
     "Extended",
     "Gated",
+    "HeavyTailed",
     "SquareRootUnscented",
     "Unscented",
+    "cauchy_rungs",
     "correct",
     "covariance",
     "failed_downdates",

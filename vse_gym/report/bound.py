@@ -1,0 +1,125 @@
+"""How many times the least possible error estimators make: a table and a figure from the rows of a matched study."""
+
+import math
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from scipy.stats import bootstrap
+
+from vse_gym.report.text import markdown
+
+RESAMPLES = 2000
+ERRORS = (("sideslip", "shadow_sideslip_rmse_deg", "bound_sideslip_deg"), ("vx", "shadow_vx_rmse_mps", "bound_vx_mps"))
+LEGEND = (
+    "times the bound: root mean square error over the least that any estimator can have (posterior Cramer-Rao bound),\n"
+    "1 is perfect; the interval is about the seeds. Drives are drawn from the estimator's own model and its noise."
+)
+
+
+def _root_mean(x: np.ndarray, axis: int = -1) -> Any:
+    return np.sqrt(np.mean(x, axis=axis))
+
+
+def _multiple(errors: np.ndarray, least: float) -> tuple[float, float, float]:
+    """Root of the mean square over seeds, over the bound, and its bootstrap 95 % interval; NaN where it has none."""
+    multiples = errors / least
+    if not np.isfinite(multiples).all():  # a drive given up has no error, and leaving it out would flatter
+        return math.nan, math.nan, math.nan
+    low = high = math.nan
+    if multiples.size > 1:
+        rng = np.random.default_rng(0)
+        found = bootstrap(
+            (multiples**2,), _root_mean, n_resamples=RESAMPLES, method="percentile", vectorized=True, rng=rng
+        )
+        low, high = found.confidence_interval
+    return float(_root_mean(multiples**2)), float(low), float(high)
+
+
+def multiples(runs: pl.DataFrame) -> pl.DataFrame:
+    """One row per cell and estimator, in each cell the nearest to the sideslip's bound first.
+
+    Columns: cell, estimator, model; ``sideslip``, ``sideslip_low``, ``sideslip_high`` [times the bound] and the same of
+    ``vx``, NaN for who gave up a drive; ``bound_sideslip_deg``, ``bound_vx_mps``, ``bound_error_percent``; ``nees``,
+    ``coverage_percent``, ``update_us``, means over seeds; ``seeds``; ``ended``, how many drives were given up.
+    """
+    rows: list[dict[str, Any]] = []
+    for (cell, name, model), mine in runs.group_by("cell", "estimator", "model", maintain_order=True):
+        row: dict[str, Any] = {"cell": cell, "estimator": name, "model": model}
+        for error, column, least in ERRORS:
+            found = _multiple(mine[column].cast(pl.Float64).fill_null(math.nan).to_numpy(), float(mine[least][0]))
+            row |= dict(zip((error, f"{error}_low", f"{error}_high"), found, strict=True))
+        row |= {key: float(mine[key][0]) for key in ("bound_sideslip_deg", "bound_vx_mps", "bound_error_percent")}
+        for key in ("nees", "coverage_percent", "update_us"):
+            row[key] = mine[f"shadow_{key}"].cast(pl.Float64).mean()
+        row |= {"seeds": len(mine), "ended": int((mine["shadow_ended"] != "").sum())}
+        rows.append(row)
+    return pl.DataFrame(rows).sort("cell", "sideslip", "estimator")
+
+
+def bound_cells(times: pl.DataFrame, narrow: bool = False) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of :func:`multiples` as text; ``narrow``, of one cell, fits 80 columns."""
+    heads = ["cell", "estimator", "sideslip: times the bound", "95 % interval", "vx: times the bound", "95 % interval"]
+    heads += ["bound: sideslip deg", "vx m/s", "NEES", "truth in the 95 % band %", "us per update"]
+    if narrow:
+        heads = ["estimator", "sideslip", "95 %", "vx", "95 %", "bound deg", "m/s", "NEES", "band %", "us"]
+    rows = []
+    for row in times.iter_rows(named=True):
+        given_up = f" ({row['ended']} of {row['seeds']} drives given up)" if row["ended"] else ""
+        text = [row["cell"], row["estimator"] + given_up]
+        for error, *_ in ERRORS:
+            text += [
+                _text(row[error], ".2f"),
+                " to ".join(_text(row[f"{error}_{end}"], ".2f") for end in ("low", "high")),
+            ]
+        text += [f"{row['bound_sideslip_deg']:.4f}", f"{row['bound_vx_mps']:.4f}"]
+        text += [_text(row["nees"], ".2f"), _text(row["coverage_percent"], ".0f"), _text(row["update_us"], ".0f")]
+        rows.append(text[1:] if narrow else text)
+    return heads, rows
+
+
+def write_bound(runs: pl.DataFrame, folder: Path, command: str) -> None:
+    """The table of multiples as Markdown, ``bound.md``; with the extra [report] a figure too, ``bound.png``."""
+    times = multiples(runs)
+    seeds, cells = runs["seed"].n_unique(), runs["cell"].n_unique()
+    text = [f"`{command}`: {cells} cells, {seeds} seeds.\n", f"{LEGEND}\n", markdown(*bound_cells(times))]
+    (folder / "bound.md").write_text("\n".join(text), encoding="utf-8")
+    with suppress(ModuleNotFoundError):
+        bound_figure(times, folder / "bound.png")
+
+
+def _text(value: float | None, spec: str) -> str:
+    return "-" if value is None or math.isnan(value) else format(value, spec)
+
+
+def bound_figure(times: pl.DataFrame, path: Path) -> None:
+    """Multiples of the sideslip's bound with their intervals, a frame per cell; needs the extra [report].
+
+    Raises:
+        ModuleNotFoundError: If matplotlib is not installed.
+    """
+    from matplotlib.figure import Figure
+
+    cells = times["cell"].unique().sort().to_list()
+    order = (
+        times.group_by("estimator").agg(pl.col("sideslip").mean()).sort("sideslip", descending=True, nulls_last=True)
+    )
+    names = order["estimator"].to_list()
+    figure = Figure(figsize=(3.2 * len(cells) + 1.5, 0.38 * len(names) + 1.6), layout="constrained")
+    frames = np.atleast_1d(figure.subplots(1, len(cells), sharey=True))
+    for k, (cell, axes) in enumerate(zip(cells, frames, strict=True)):
+        for row in times.filter(pl.col("cell") == cell).iter_rows(named=True):
+            at = names.index(row["estimator"])
+            axes.plot([row["sideslip_low"], row["sideslip_high"]], [at, at], color="C0", linewidth=2)
+            axes.plot(row["sideslip"], at, "o", color="C0", markersize=5)
+        axes.axvline(1.0, color="k", linewidth=1)
+        axes.axvline(1.2, color="0.5", linewidth=1, linestyle=":")
+        axes.set_xscale("log")
+        axes.set_title(cell, fontsize=9)
+        axes.grid(axis="x", alpha=0.3)
+        if k == 0:
+            axes.set_yticks(range(len(names)), names)
+    figure.supxlabel("sideslip: root mean square error over its bound (line: 1, dots: 1.2), 95 % intervals", fontsize=9)
+    figure.savefig(path, dpi=130)
