@@ -71,7 +71,8 @@ def fisher_information(share: float, sigma: float = 1.0, ratio: float = math.sqr
         return slope * slope / (core + tail) if core + tail > 0 else 0.0  # both may underflow
 
     edges = (0.0, *sorted((0.3 * ratio, ratio, 1.0, 3 * ratio, 3.0, 10.0)), math.inf)
-    total = sum(quad(integrand, a, b, epsabs=0.0, epsrel=1e-10)[0] for a, b in itertools.pairwise(edges))
+    small = 1e-11 * min(1.0, 0.5 / ratio**2)  # beside what either law tells alone
+    total = sum(quad(integrand, a, b, epsabs=small, epsrel=1e-10)[0] for a, b in itertools.pairwise(edges))
     return float(2 * total / sigma**2)
 
 
