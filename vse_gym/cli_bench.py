@@ -44,7 +44,7 @@ def bench(
     cell is kept at once: a run that was stopped or killed goes on with --resume and ends as if it never had been, and
     so does one to which estimators or seeds are added. Ctrl-C stops early and shows what was driven until then.
     """
-    from vse_gym.evaluation import Bench, Finished, Results, ResultsError, Study, contenders_of
+    from vse_gym.evaluation import Bench, Finished, Results, ResultsError, Study, contenders_of, write_runs
 
     begin, command = time.perf_counter(), " ".join(["vse-gym", *sys.argv[1:]])
     if (resume or overwrite) and out is None:
@@ -73,7 +73,7 @@ def bench(
         if precision is not None:
             _say_precision(runs, precision)
         if isinstance(finished, Results):
-            finished.finish(runs)
+            write_runs(finished.folder, runs)
             _write(runs, finished.folder, command)
     if stopped:
         raise typer.Exit(STOPPED)
@@ -94,12 +94,13 @@ STOPPED = 130  # exit code of Ctrl-C
 
 def report(folder: Annotated[Path, typer.Argument(help="What `vse-gym bench --out` wrote.")]) -> None:
     """Make the tables and figures of a results folder again, also of one whose run was killed."""
-    from vse_gym.evaluation import ResultsError, read_runs
+    from vse_gym.evaluation import ResultsError, read_runs, write_runs
 
     with sentences(ResultsError):
         runs = read_runs(folder)
     show(runs, f"{runs['study'][0]}, version {runs['version'][0]}")
     with sentences():
+        write_runs(folder, runs)
         _write(runs, folder, f"vse-gym report {folder}")
 
 

@@ -57,18 +57,23 @@ def test_seeds_grow_with_the_square_of_what_is_lacking_and_never_stand_still():
 
 def test_seeds_are_added_until_the_interval_is_as_narrow_as_asked(short):
     judged = contenders(["truth", "ekf"])
-    first = Bench(short, judged, 2)
+    first = Bench(short, judged, 10)
     first.drive()
     wide = precision(first.runs)
-    work = Bench(short, judged, 2).drive_until(wide / 2, most=12)
-    assert precision(work.runs) <= wide / 2 or work.seeds == 12
-    assert 2 < work.seeds == work.runs["seed"].n_unique()
+    work = Bench(short, judged, 10).drive_until(wide / 3, most=14)
+    assert precision(work.runs) <= wide / 3 or work.seeds == 14
+    assert 10 < work.seeds == work.runs["seed"].n_unique()
     same = evaluate(short, seeds=work.seeds)
     assert work.runs.drop(TIMES).equals(same.drop(TIMES), null_equal=True)
 
 
 def test_a_precision_that_is_reached_adds_none(short):
-    assert Bench(short, contenders(["truth", "ekf"]), 2).drive_until(14.0).seeds == 2
+    assert Bench(short, contenders(["truth", "ekf"]), 12).drive_until(14.0).seeds == 12
+
+
+def test_a_precision_is_not_believed_of_a_few_seeds(short):
+    assert Bench(short, contenders(["truth", "zero"]), 2).drive_until(14.0).seeds == 10
+    assert Bench(short, contenders(["truth", "zero"]), 2).drive_until(14.0, most=3).seeds == 3
 
 
 def test_rows_of_parts_stand_beside_their_whole(short):

@@ -132,3 +132,20 @@ def test_a_fingerprint_sees_into_arrays_that_a_screen_would_cut_short():
 
 def test_who_cannot_be_pickled_is_known_by_what_it_prints_without_its_address():
     assert fingerprint(Holds(lambda: None)) == fingerprint(Holds(lambda: None)) != fingerprint(Holds())
+
+
+class Unpickled(Estimator):
+    """No dataclass, and holds what cannot be pickled."""
+
+    init = update = estimate = None
+
+    def __init__(self, gain):
+        self.gain, self.of = gain, lambda x: x
+
+
+def test_settings_beside_what_cannot_be_pickled_count():
+    assert fingerprint(Unpickled(1.0)) == fingerprint(Unpickled(1.0)) != fingerprint(Unpickled(2.0))
+
+
+def test_another_function_is_another_setting():
+    assert fingerprint(Holds(lambda: 1)) != fingerprint(Holds(lambda: 2))

@@ -2,12 +2,15 @@
 
 import errno
 import json
+import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
 import pytest
 
+from vse_gym import vehicles
 from vse_gym.evaluation import TIMES, Bench, Results, ResultsError, contenders, evaluate, provenance, read_runs
 from vse_gym.evaluation import results as module
 from vse_gym.evaluation.runs import run_cell
@@ -90,9 +93,11 @@ def test_a_damaged_part_is_said_set_aside_and_driven_again(short, folder, harm):
 
 
 def test_a_part_that_was_being_written_when_the_run_was_killed_is_swept_away(short, folder):
-    (folder / "parts" / ".held-0000-abc.parquet.1234").write_bytes(b"half")
+    dead, alive = (folder / "parts" / f".held-0000-abc.parquet.{pid}" for pid in (2**22 + 1, os.getpid()))
+    dead.write_bytes(b"half")  # of a number that no process has
+    alive.write_bytes(b"half")  # somebody is writing there at this moment
     assert bench(short, folder, seeds=1, resume=True).tasks() == []
-    assert all(path.suffix == ".parquet" for path in (folder / "parts").iterdir())
+    assert [path for path in (folder / "parts").iterdir() if path.suffix != ".parquet"] == [alive]
 
 
 def test_a_full_disk_is_said_and_leaves_what_was_there(short, folder, monkeypatch):
@@ -168,6 +173,7 @@ def test_a_row_says_where_it_comes_from(short, folder):
     row = run_cell(short, short.cells[0], 0, JUDGED)[2]
     assert row["package"] == provenance.package_version()
     assert row["commit"] == provenance.commit()
+    assert "commit" in TIMES  # a run that is gone on with after a commit to the README is the same run
     assert row["study_digest"] == short.digest
     assert row["machine"] == provenance.machine()
     assert (row["estimator"], row["parent"], row["part"], row["tuning"]) == ("ekf", "ekf", "whole", "default")
@@ -198,3 +204,44 @@ def test_the_digest_of_the_source_is_that_of_its_files(monkeypatch, tmp_path):
     assert digest() not in (first, second)
     monkeypatch.undo()
     provenance.source_digest.cache_clear()
+
+
+def test_a_vehicle_file_that_changes_is_another_study(short, tmp_path):
+    car = tmp_path / "car.toml"
+    text = (vehicles.FOLDER / "bmw_320i.toml").read_text()
+    car.write_text(text)
+    study = replace(short, cells=(replace(short.cells[0], vehicle=str(car)),))
+    before = study.digest
+    assert study.digest == before
+    heavier = re.sub(r"^mass = \S+", "mass = 1900.0", text, flags=re.MULTILINE)
+    assert heavier != text
+    car.write_text(heavier)
+    assert study.digest != before
+
+
+def test_results_made_with_other_libraries_are_not_gone_on_with(short, folder, monkeypatch):
+    monkeypatch.setattr(module, "libraries", lambda: "numpy 1.0")
+    with pytest.raises(ResultsError, match="made with numpy"):
+        Results(folder, short, JUDGED, resume=True)
+
+
+def test_what_a_killed_second_run_had_finished_is_read(short, tmp_path):
+    out = tmp_path / "out"
+    evaluate(short, ["truth"], seeds=1, out=out)
+    work = bench(short, out, seeds=2, resume=True)  # killed before it wrote its tables
+    work.drive()
+    assert same(read_runs(out), evaluate(short))
+
+
+def test_a_part_that_was_altered_is_not_read(short, folder):
+    part = sorted((folder / "parts").glob("*.parquet"))[0]
+    part.write_bytes(part.read_bytes()[:-100])
+    assert read_runs(folder)["cell"].n_unique() == 1
+
+
+def test_the_label_of_a_tuning_is_today_s(short, folder):
+    default = JUDGED[1].estimator
+    named = contenders(["truth", "ekf"], {"ekf": (default, "mine")})
+    work = bench(short, folder, named, seeds=1, resume=True)
+    assert work.tasks() == []  # the settings are the same
+    assert set(work.runs.filter(pl.col("estimator") == "ekf")["tuning"]) == {"mine"}

@@ -11,7 +11,7 @@ from vse_gym.estimators.base import Estimator
 from vse_gym.evaluation.contenders import Contender, Judged, contenders
 from vse_gym.evaluation.matched import run_matched
 from vse_gym.evaluation.parallel import in_parallel
-from vse_gym.evaluation.results import Finished, Results
+from vse_gym.evaluation.results import Finished, Results, write_runs
 from vse_gym.evaluation.runs import run_cell
 from vse_gym.evaluation.study import Study
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import polars
 
 Progress = Callable[[int, int], None]
+FEWEST = 10  # seeds, before a precision is believed: an interval of a few is too narrow too often
 MOST_SEEDS = 200  # where adding seeds for a precision stops
 
 
@@ -113,6 +114,8 @@ class Bench:
             raise ValueError(f"study {self.study.name!r} has no regret whose precision could be asked for: give seeds")
         from vse_gym.report.statistics import precision as half_width
 
+        if self.seeds < min(FEWEST, most):
+            return replace(self, seeds=min(FEWEST, most)).drive_until(precision, most, progress)
         self.drive(progress)
         reached = half_width(self.runs)
         if reached <= precision or self.seeds >= most:
@@ -156,7 +159,7 @@ def evaluate(
     bench.drive()
     runs = bench.runs
     if isinstance(finished, Results):
-        finished.finish(runs)
+        write_runs(finished.folder, runs)
     return runs
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from hashlib import blake2b
 from pathlib import Path
 from sys import modules
+from types import FunctionType
 
 import joblib
 
@@ -28,7 +29,10 @@ def digest(*parts: object) -> str:
 
 
 def fingerprint(estimator: Estimator) -> str:
-    """Of an estimator's class and settings; of its source too if it is not one of ours, whose commit says it all."""
+    """Of an estimator's class and settings; of its module's source too if it is not one of ours.
+
+    What that module imports is not looked at.
+    """
     inner = fingerprint(estimator.inner) if isinstance(estimator, Truth) and estimator.inner is not None else ""
     return digest(_said(estimator), _source_of(type(estimator)), inner)
 
@@ -41,11 +45,15 @@ def _said(thing: object) -> object:
         return repr(float(thing))  # 2 and 2.0 are one setting
     kind = f"{type(thing).__module__}:{type(thing).__qualname__}"
     if is_dataclass(thing) and not isinstance(thing, type):
-        return kind, [(f.name, _said(getattr(thing, f.name))) for f in fields(thing)]
+        held = {f.name: getattr(thing, f.name) for f in fields(thing)} | getattr(thing, "__dict__", {})
+        return kind, [(name, _said(value)) for name, value in sorted(held.items())]
     try:
         return kind, joblib.hash(thing)
-    except (pickle.PicklingError, TypeError, AttributeError):
-        return kind, re.sub(r" at 0x[0-9a-f]+", "", repr(thing))
+    except (pickle.PicklingError, TypeError, AttributeError):  # it holds a function, a lock, ...
+        if isinstance(thing, FunctionType):
+            return kind, thing.__code__.co_code.hex(), repr(thing.__code__.co_consts)
+        held = sorted(getattr(thing, "__dict__", {}).items())
+        return kind, [(name, _said(value)) for name, value in held] or re.sub(r" at 0x[0-9a-f]+", "", repr(thing))
 
 
 def _source_of(kind: type) -> str:

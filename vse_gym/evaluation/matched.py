@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vse_gym.estimators.base import Estimator
-from vse_gym.evaluation.cells import Cell, Randomise
+from vse_gym.evaluation.cells import Cell
 from vse_gym.evaluation.contenders import Contender
 from vse_gym.evaluation.runs import Row, heading, shadow_columns, took
 from vse_gym.evaluation.study import Study
@@ -189,7 +189,7 @@ def run_matched(study: Study, cell: Cell, seed: int, contenders: Sequence[Conten
     Raises:
         ValueError: If the sensors' noise is not independent from one reading to the next.
     """
-    scenario = cell.scenario(Randomise(), seed)
+    scenario = cell.scenario(study.randomise, seed)
     try:
         noise_information(scenario.sensors)
     except ValueError as error:

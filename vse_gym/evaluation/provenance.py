@@ -48,6 +48,12 @@ def source_digest() -> str:
 
 
 @lru_cache(maxsize=1)
+def libraries() -> str:
+    """Versions of those that numbers depend on."""
+    return ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba"))
+
+
+@lru_cache(maxsize=1)
 def machine() -> str:
     """Processor, cores, system and Python: what times depend on."""
     return f"{_processor()}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vse_gym.evaluation.contenders import POTENTIAL, Contender
-from vse_gym.evaluation.provenance import commit, package_version, source_digest
+from vse_gym.evaluation.provenance import commit, libraries, package_version, source_digest
 from vse_gym.evaluation.runs import KEYS, TIMES, Row, table
 from vse_gym.evaluation.study import Study
 
@@ -63,7 +63,7 @@ class Finished:
         frames = [part for key in sorted(self._parts) for part in self._parts[key]]
         if not frames:
             raise ResultsError("no cell is finished")
-        rows = _in_order(frames, [(c.name, c.columns["tuning_digest"]) for c in contenders])
+        rows = _in_order(frames, [(c.name, c.tuning, c.columns["tuning_digest"]) for c in contenders])
         return rows if seeds is None else rows.filter(polars.col("seed").is_in(list(seeds)))
 
 
@@ -108,6 +108,8 @@ class Results(Finished):
             )
         elif begun:
             self._check(_read_manifest(self._manifest))
+            for name in ("runs", "times"):  # of fewer parts than there will be
+                (folder / f"{name}.parquet").unlink(missing_ok=True)
         self._shelf.mkdir(parents=True, exist_ok=True)
         self._describe(command, contenders)
         self._read()
@@ -130,6 +132,7 @@ class Results(Finished):
             "package": package_version(),
             "commit": commit(),
             "source": source_digest(),
+            "libraries": libraries(),
             "command": command,
             "tunings": {c.name: [c.tuning, c.columns["tuning_digest"]] for c in contenders},
         }
@@ -148,24 +151,18 @@ class Results(Finished):
         _write(self._shelf / name, buffer.getvalue())
         self._shelve(frame)
 
-    def finish(self, runs: "polars.DataFrame") -> None:
-        """Write the table of runs, and the table of times beside it.
-
-        Raises:
-            OSError: If they cannot be written.
-        """
-        times = [c for c in TIMES if c in runs.columns]
-        for name, frame in (("runs", runs.drop(times)), ("times", runs.select(*KEYS, *times))):
-            buffer = io.BytesIO()
-            frame.write_parquet(buffer)
-            _write(self.folder / f"{name}.parquet", buffer.getvalue())
-
     def _check(self, held: Mapping[str, Any]) -> None:
-        own = {"format": FORMAT, "study_digest": self.study.digest, "source": source_digest()}
+        own = {
+            "format": FORMAT,
+            "study_digest": self.study.digest,
+            "source": source_digest(),
+            "libraries": libraries(),
+        }
         what = {
             "format": "in another format",
             "study_digest": f"of {held.get('study')} with other cells or draws",
             "source": f"of another state of the code (commit {held.get('commit') or 'unknown'})",
+            "libraries": f"made with {held.get('libraries')}",
         }
         for key, value in own.items():
             if held.get(key) != value:
@@ -175,21 +172,18 @@ class Results(Finished):
                 )
 
     def _read(self) -> None:
-        import polars
-
         for path in sorted(self._shelf.iterdir()):
             if path.name.startswith("."):  # a run was killed while it wrote
-                path.unlink()
-                continue
-            if path.suffix != ".parquet":
-                continue
-            content = path.read_bytes()
-            if path.stem.rpartition("-")[2] != _digest(content):
+                if not _alive(path.name):
+                    path.unlink(missing_ok=True)
+            elif path.suffix == ".parquet":
+                frame = _sound(path)
+                if frame is not None:
+                    self._shelve(frame)
+                    continue
                 aside = path.with_suffix(".damaged")
                 path.replace(aside)
                 self.damaged.append(str(aside))
-                continue
-            self._shelve(polars.read_parquet(io.BytesIO(content)))
 
     def _clear(self) -> None:
         for path in (*self._shelf.glob("*"), *self.folder.glob("*.parquet"), self._manifest):
@@ -216,23 +210,44 @@ def read_runs(folder: Path) -> "polars.DataFrame":
         raise ResultsError(f"{folder} cannot be read: {error}") from error
 
 
-def _unfinished(folder: Path) -> "polars.DataFrame":
-    """What a run had finished when it was killed."""
-    import polars
+def write_runs(folder: Path, runs: "polars.DataFrame") -> None:
+    """Write the table of runs, and the table of times beside it.
 
-    frames = [polars.read_parquet(path) for path in sorted((folder / "parts").glob("*.parquet"))]
+    Raises:
+        OSError: If they cannot be written.
+    """
+    times = [c for c in TIMES if c in runs.columns]
+    for name, frame in (("runs", runs.drop(times)), ("times", runs.select(*KEYS, *times))):
+        buffer = io.BytesIO()
+        frame.write_parquet(buffer)
+        _write(folder / f"{name}.parquet", buffer.getvalue())
+
+
+def _unfinished(folder: Path) -> "polars.DataFrame":
+    """What a run had finished when it was killed; parts that are damaged do not count."""
+    frames = [frame for path in sorted((folder / "parts").glob("*.parquet")) if (frame := _sound(path)) is not None]
     if not frames:
         raise ResultsError(f"{folder} holds neither runs.parquet nor any finished cell")
     tunings = _read_manifest(folder / "run.json").get("tunings", {})
-    return _in_order(frames, [(name, digest) for name, (_, digest) in tunings.items()])
+    return _in_order(frames, [(name, label, digest) for name, (label, digest) in tunings.items()])
 
 
-def _in_order(frames: Sequence["polars.DataFrame"], asked: Sequence[tuple[str, str]]) -> "polars.DataFrame":
-    """One sorted table of the rows of these estimators, each by its name and tuning, and of the car without control."""
+def _sound(path: Path) -> "polars.DataFrame | None":
+    """The rows of a part; None if its bytes are not those that were written."""
     import polars
 
-    keys = polars.DataFrame([*asked, (POTENTIAL, "")], schema=["estimator", "tuning_digest"], orient="row")
-    rows = polars.concat(frames, how="diagonal_relaxed").join(keys, on=keys.columns, how="semi")
+    content = path.read_bytes()
+    return polars.read_parquet(io.BytesIO(content)) if path.stem.rpartition("-")[2] == _digest(content) else None
+
+
+def _in_order(frames: Sequence["polars.DataFrame"], asked: Sequence[tuple[str, str, str]]) -> "polars.DataFrame":
+    """One sorted table of the rows of these estimators, by name, tuning and digest, and of the car without control."""
+    import polars
+
+    names = ["estimator", "tuning", "tuning_digest"]  # one digest may have had another label
+    keys = polars.DataFrame([*asked, (POTENTIAL, "", "")], schema=names, orient="row")
+    rows = polars.concat(frames, how="diagonal_relaxed").drop("tuning")
+    rows = rows.join(keys, on=["estimator", "tuning_digest"], how="inner")
     ordered = [c for c in FIRST if c in rows.columns]
     ordered += sorted(set(rows.columns) - set(ordered))
     return rows.select(ordered).unique(KEYS, keep="last", maintain_order=True).sort(KEYS)
@@ -244,6 +259,17 @@ def _read_manifest(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise ResultsError(f"{path} cannot be read: {error}; --overwrite begins anew") from error
     return told if isinstance(told, dict) else {}
+
+
+def _alive(name: str) -> bool:
+    """Whether the process that writes a temporary file still runs on this machine."""
+    try:
+        os.kill(int(name.rpartition(".")[2]), 0)
+    except (ValueError, OverflowError, ProcessLookupError):
+        return False
+    except PermissionError:
+        pass
+    return True
 
 
 def _digest(content: bytes) -> str:

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     import polars
 
 KEYS = ("cell", "seed", "estimator")
-TIMES = ("loop_update_us", "shadow_update_us", "seconds", "machine")  # what differs between two runs of the same drive
+# What differs between two runs of the same drive
+TIMES = ("loop_update_us", "shadow_update_us", "seconds", "machine", "commit")
 
 ALONE = Truth()  # whoever does not brake needs no estimate
 
@@ -78,7 +79,6 @@ def heading(study: Study, cell: Cell, seed: int) -> Row:
         "version": study.version,
         "study_digest": study.digest,
         "package": package_version(),
-        "commit": commit(),
         "cell": cell.name,
         "manoeuvre": cell.manoeuvre,
         "vehicle": cell.vehicle,
@@ -91,8 +91,8 @@ def heading(study: Study, cell: Cell, seed: int) -> Row:
 
 
 def took(begin: float) -> Row:
-    """How long a row's work took, and where."""
-    return {"seconds": perf_counter() - begin, "machine": machine()}
+    """How long a row's work took, where, and in which state of the code."""
+    return {"seconds": perf_counter() - begin, "machine": machine(), "commit": commit()}
 
 
 def shadow_columns(log: Log, estimator: Estimator, nominal: Nominal, seed: int) -> Row:

@@ -7,6 +7,7 @@ from pathlib import Path
 from vse_gym.evaluation.cells import Cell, Randomise
 from vse_gym.evaluation.contenders import digest
 from vse_gym.registry import UnknownNameError
+from vse_gym.vehicles import load
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,8 @@ class Study:
     @property
     def digest(self) -> str:
         """Of what is driven: two studies of one digest drive the same at the same seed, whoever is judged."""
-        told = (self.name, self.version, self.attribution, self.matched, self.randomise, *self.cells)
+        cars = [load(cell.vehicle) for cell in self.cells]  # a file of one's own may change under its name
+        told = (self.name, self.version, self.attribution, self.matched, self.randomise, *self.cells, *cars)
         return digest(*map(repr, told))
 
     @classmethod
