@@ -52,8 +52,8 @@ def _said(thing: object) -> object:
     except (pickle.PicklingError, TypeError, AttributeError):  # it holds a function, a lock, ...
         if isinstance(thing, FunctionType):
             return kind, thing.__code__.co_code.hex(), repr(thing.__code__.co_consts)
-        held = sorted(getattr(thing, "__dict__", {}).items())
-        return kind, [(name, _said(value)) for name, value in held] or re.sub(r" at 0x[0-9a-f]+", "", repr(thing))
+        attributes = sorted(getattr(thing, "__dict__", {}).items())
+        return kind, [(name, _said(value)) for name, value in attributes] or re.sub(r" at 0x[0-9a-f]+", "", repr(thing))
 
 
 def _source_of(kind: type) -> str:
