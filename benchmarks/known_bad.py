@@ -27,6 +27,7 @@ WORSE: dict[str, dict[str, float]] = {
     "half gain": {"gain": 0.5},
     "100 ms late": {"delay": 0.1},
     "biased by 0.5 m/s": {"bias": 0.5},  # 1.3 deg at 80 km/h; chosen
+    "biased by -0.5 m/s": {"bias": -0.5},
     "zero sideslip": {"gain": 0.0},
 }
 PARENTS: dict[str, Callable[..., Estimator]] = {

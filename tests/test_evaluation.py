@@ -11,6 +11,7 @@ from vse_gym.env import StabilityControlEnv
 from vse_gym.estimators.base import Estimator
 from vse_gym.estimators.gaussian import ExtendedKalmanFilter
 from vse_gym.evaluation import TIMES, Cell, Randomise, Study, contenders, evaluate, run_cell, study_names
+from vse_gym.evaluation.contenders import PARTS
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
 from vse_gym.report import reasons
@@ -119,7 +120,7 @@ def test_in_shadow_an_estimator_hears_what_it_would_hear_beside_the_truth():
 def test_every_study_that_ships_can_be_driven(name):
     study = Study.load(name)
     runs = evaluate(study, ["zero"], seeds=1)
-    parts = ["zero: velocity", "zero: yaw"] if study.attribution else []
+    parts = [f"zero: {part}" for part in PARTS] if study.attribution else []
     expected = sorted(["zero", *parts, *([] if study.matched else ["none"])])
     assert runs["cell"].n_unique() == len(study.cells)
     assert all(part["estimator"].to_list() == expected for part in runs.partition_by("cell"))

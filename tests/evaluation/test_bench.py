@@ -83,6 +83,7 @@ def test_rows_of_parts_stand_beside_their_whole(short):
     rows = runs.filter(pl.col("cell") == "short").select("estimator", "parent", "part")
     assert sorted(rows.rows()) == [
         ("ekf", "ekf", "whole"),
+        ("ekf: acceleration", "ekf", "acceleration"),
         ("ekf: velocity", "ekf", "velocity"),
         ("ekf: yaw", "ekf", "yaw"),
         ("none", "none", "whole"),

@@ -1,5 +1,6 @@
 """How a study draws its cells: alike for everybody, within what is written, and told to nobody."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -33,7 +34,12 @@ def test_draws_stay_within_what_is_written():
     assert mass.min() >= 1 and mass.max() <= 1.25 and np.ptp(mass) > 0.2
     assert stiffness.min() >= 0.75 and stiffness.max() <= 1 and np.ptp(stiffness) > 0.2
     assert np.abs(steer).min() >= 108 - 1e-9 and np.abs(steer).max() <= 132 + 1e-9
-    assert 60 < np.sum(steer > 0) < 140  # a fair coin: five standard deviations of 7
+    assert np.all(np.sign(steer[1:]) == -np.sign(steer[:-1]))  # to each side in turn
+
+
+def test_which_side_goes_first_differs_between_cells():
+    first = [replace(CELL, name=f"cell {k}").scenario(RANDOM, 0).manoeuvre.amplitude for k in range(40)]
+    assert 5 < np.sum(np.array(first) > 0) < 35  # a fair coin: five standard deviations of 3.2
 
 
 CONDITIONS = replace(RANDOM, steering_offset=0.01, radius_error=0.02, slope=0.03, bank=0.04, gravity_shift=0.15)
@@ -65,7 +71,8 @@ def test_conditions_leave_what_was_drawn_without_them_as_it_was():
         drawn = CELL.scenario(CONDITIONS, seed)
         draw = stream(seed, "cell/short")
         speed, steer, friction = draw.uniform(-1.0, 1.0), draw.uniform(-0.1, 0.1), draw.uniform(-0.03, 0.03)
-        mass, stiffness, side = draw.uniform(1.0, 1.25), draw.uniform(0.75, 1.0), draw.choice([-1.0, 1.0])
+        mass, stiffness = draw.uniform(1.0, 1.25), draw.uniform(0.75, 1.0)
+        side = math.copysign(1.0, drawn.manoeuvre.amplitude)
         assert drawn.manoeuvre.speed == 80 / 3.6 + speed
         assert drawn.manoeuvre.friction == 0.5 + friction
         assert drawn.manoeuvre.amplitude == pytest.approx(np.radians(120) * side * (1 + steer), rel=1e-12)

@@ -49,7 +49,7 @@ def test_a_class_from_outside_is_known_by_its_source_too(tmp_path, monkeypatch):
 
 def test_attribution_makes_the_other_fields_true():
     rows = {c.name: c for c in contenders(["truth", "ekf"], attribution=True)}
-    assert list(rows) == ["truth", "ekf", "ekf: velocity", "ekf: yaw"]
+    assert list(rows) == ["truth", "ekf", "ekf: velocity", "ekf: yaw", "ekf: acceleration"]
     for part, true in PARTS.items():
         row = rows[f"ekf: {part}"]
         assert (row.parent, row.part) == ("ekf", part)

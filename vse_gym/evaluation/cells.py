@@ -18,7 +18,7 @@ class Randomise:
     """How a cell is drawn for each seed; nothing of it is told to estimators."""
 
     speed: float = 0.0  # +/- [m/s]
-    steer: float = 0.0  # +/- of the hand wheel's amplitude, relative; if not zero the side is drawn too [-]
+    steer: float = 0.0  # +/- of the hand wheel's amplitude, relative; if not zero the sides take turns [-]
     friction: float = 0.0  # +/- [-]
     mass: tuple[float, float] = (1.0, 1.0)  # times
     stiffness: tuple[float, float] = (1.0, 1.0)  # times, cornering stiffness of every tyre
@@ -73,7 +73,7 @@ class Cell:
         ranges = (randomise.speed, randomise.steer, randomise.friction)
         speed, steer, friction = (draw.uniform(-r, r) for r in ranges)
         mass, stiffness = draw.uniform(*randomise.mass), draw.uniform(*randomise.stiffness)
-        side = draw.choice([-1.0, 1.0]) if randomise.steer else 1.0
+        side = _side(self.name, seed) if randomise.steer else 1.0
         changes: dict[str, Any] = {"speed": written.speed + speed, "friction": _icy(written.friction + friction)}
         known = {f.name for f in fields(written)}
         if "side" in known:
@@ -98,6 +98,12 @@ class Cell:
         )
         way: dict[str, Any] = {"integrator": fitting_integrator(driven), "plant": self.plant}
         return Scenario(replace(written, **changes), driven, noise, told, **way)
+
+
+def _side(cell: str, seed: int) -> float:
+    """To which side a seed's drive goes: in turn, so that no table leans; which goes first differs between cells."""
+    first = stream(0, f"side/{cell}").integers(2)
+    return 1.0 if (seed + first) % 2 == 0 else -1.0
 
 
 def _icy(friction: float) -> float:

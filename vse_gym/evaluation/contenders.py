@@ -18,7 +18,11 @@ from vse_gym.estimators.base import Estimator
 POTENTIAL = "none"  # the row of the car without stability control: what there is to gain; never ranked
 DEFAULT = "default"
 # Attribution: which fields of an estimate are made true, so that the others alone can do harm
-PARTS = {"velocity": ("yaw_rate", "ax", "ay"), "yaw": ("vx", "vy")}
+PARTS = {
+    "velocity": ("yaw_rate", "ax", "ay"),
+    "yaw": ("vx", "vy"),
+    "acceleration": ("vx", "vy", "yaw_rate"),  # of the former, what the accelerations alone do
+}
 
 Judged = Sequence[str | Estimator] | Mapping[str, str | Estimator]
 
