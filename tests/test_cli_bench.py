@@ -130,3 +130,21 @@ def test_report_of_no_results_is_a_sentence(tmp_path):
     said = call("report", tmp_path)
     assert said.exit_code == 2
     assert "neither runs.parquet nor any finished cell" in " ".join(said.output.split())
+
+
+def test_a_tuning_of_whom_nobody_judges_is_said(study_file, tmp_path):
+    from vse_gym.evaluation.tunings import Tuning
+
+    Tuning("kinematic", {"leak": 1.0}).save(tmp_path / "kinematic.toml")
+    said = call("bench", study_file, "--seeds", "1", "--tunings", tmp_path / "kinematic.toml")
+    assert said.exit_code == 0
+    assert "not used: tunings of kinematic" in " ".join(said.output.split())
+
+
+def test_a_folder_that_lacks_a_cell_says_so(study_file, tmp_path):
+    out = tmp_path / "out"
+    assert call("bench", study_file, "--seeds", "2", "--out", out).exit_code == 0
+    (out / "runs.parquet").unlink()
+    for part in (out / "parts").glob("straight*"):
+        part.unlink()
+    assert "2 of 4 cells x seeds are driven, none of straight on" in " ".join(call("report", out).output.split())

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from vse_gym.catalogue import ESTIMATORS
 from vse_gym.cli_check import TargetError, find
 from vse_gym.cli_screen import Jobs, bar, refuse, screen, sentences
 
@@ -53,11 +52,18 @@ def bench(
         raise refuse(ValueError("--resume keeps what there is and --overwrite throws it away: give one"))
     with sentences(ResultsError):
         plan = Study.load(study)
-        judged = contenders_of(plan, _named(estimators), _tuned(tunings))
-        finished = Finished() if out is None else Results(out, plan, judged, command, resume, overwrite)
+        tuned = _tuned(tunings)
+        judged = contenders_of(plan, _named(estimators), tuned)
+        _say_unused(tuned, judged)
+        count = seeds or plan.seeds
+        if precision is not None and max_seeds < count:
+            raise ValueError(f"--max-seeds {max_seeds} is less than the {count} seeds to begin with")
+        finished = Finished()
+        if out is not None:
+            finished = Results(out, plan, judged, command, count, resume, overwrite)
     for part in getattr(finished, "damaged", ()):
         screen.print(f"[red]damaged, set aside and driven again:[/red] {escape(part)}", highlight=False)
-    work = Bench(plan, judged, seeds or plan.seeds, jobs, backend, finished)
+    work = Bench(plan, judged, count, jobs, backend, finished)
     stopped = False
     with _kept_in(out):
         try:
@@ -65,14 +71,19 @@ def bench(
                 work = work.drive(tell) if precision is None else work.drive_until(precision, max_seeds, tell)
         except KeyboardInterrupt:
             stopped = True
-        with sentences(ResultsError):
-            runs = finished.collect(judged) if stopped else work.runs
+        try:
+            seen = None if stopped else work.numbers
+            runs = finished.everybody(seen) if isinstance(finished, Results) else finished.collect(judged, seen)
+        except ResultsError as error:  # Ctrl-C before anything was there
+            screen.print(f"stopped: {error}")
+            raise typer.Exit(STOPPED) from None
         show(runs, f"{plan.name}, version {plan.version}")
         note = ", [red]stopped early[/red]" if stopped else ""
         screen.print(f"{len(runs)} runs in {time.perf_counter() - begin:.1f} s{note}")
         if precision is not None:
             _say_precision(runs, precision)
         if isinstance(finished, Results):
+            _say_unfinished(runs, finished.folder)
             write_runs(finished.folder, runs)
             _write(runs, finished.folder, command)
     if stopped:
@@ -99,7 +110,8 @@ def report(folder: Annotated[Path, typer.Argument(help="What `vse-gym bench --ou
     with sentences(ResultsError):
         runs = read_runs(folder)
     show(runs, f"{runs['study'][0]}, version {runs['version'][0]}")
-    with sentences():
+    with sentences(ResultsError):
+        _say_unfinished(runs, folder)
         write_runs(folder, runs)
         _write(runs, folder, f"vse-gym report {folder}")
 
@@ -142,6 +154,13 @@ def _write(runs: "polars.DataFrame", folder: Path, command: str) -> None:
     screen.print(f"written: {escape(str(folder))}")
 
 
+def _say_unfinished(runs: "polars.DataFrame", folder: Path) -> None:
+    from vse_gym.evaluation import unfinished
+
+    if lacking := unfinished(runs, folder):
+        screen.print(f"[red]{escape(lacking)}[/red]", highlight=False)
+
+
 def _say_precision(runs: "polars.DataFrame", asked: float) -> None:
     from vse_gym.report.statistics import precision
 
@@ -160,9 +179,14 @@ def _named(estimators: str) -> list[Any] | None:
 
 
 def _tuned(path: Path | None) -> dict[str, tuple[Any, str]]:
+    """Estimators of tunings files, and what to call their tunings, by name."""
     if path is None:
         return {}
     from vse_gym.evaluation.tunings import load_folder
 
-    tuned = load_folder(path)
-    return {name: (tuning.make(), tuning.label) for name, tuning in tuned.items() if name in ESTIMATORS}
+    return {name: (tuning.make(), tuning.label) for name, tuning in load_folder(path).items()}
+
+
+def _say_unused(tuned: dict[str, tuple[Any, str]], judged: Sequence[Any]) -> None:
+    if unused := sorted(tuned.keys() - {contender.parent for contender in judged}):
+        screen.print(f"[red]not used:[/red] tunings of {', '.join(unused)}, whom nobody judges here", highlight=False)

@@ -3,6 +3,7 @@
 import copy
 import importlib
 import math
+import subprocess
 import sys
 from dataclasses import dataclass, field, replace
 
@@ -35,16 +36,41 @@ def test_every_estimator_has_a_fingerprint_of_its_own():
     assert len(set(prints.values())) == len(prints)
 
 
-def test_a_class_from_outside_is_known_by_its_source_too(tmp_path, monkeypatch):
+BASE = "from vse_gym.estimators.anchors import ZeroSideslip\nclass Base(ZeroSideslip):\n    gain = {}\n"
+HELPER = "GAIN = {}\n"
+MINE = "import helper\nfrom base import Base\nclass Mine(Base):\n    hold = {}\n"
+
+
+def test_code_from_outside_counts_with_its_bases_and_helpers(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
-    text = "from vse_gym.estimators.anchors import ZeroSideslip\nclass Mine(ZeroSideslip):\n    {}\n"
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     prints = []
-    for body in ("pass", "brake_hold = 0.2"):
-        (tmp_path / "outside.py").write_text(text.format(body))
-        monkeypatch.delitem(sys.modules, "outside", raising=False)
+    for numbers in ((1, 1, 1), (2, 1, 1), (1, 2, 1), (1, 1, 2), (1, 1, 1)):
+        for name, text, number in zip(("base", "helper", "outside"), (BASE, HELPER, MINE), numbers, strict=True):
+            (tmp_path / f"{name}.py").write_text(text.format(number))
+            monkeypatch.delitem(sys.modules, name, raising=False)
         mine = importlib.import_module("outside").Mine
-        prints += [fingerprint(mine()), fingerprint(Truth(("vx",), inner=mine()))]
-    assert len(set(prints)) == 4
+        prints.append((fingerprint(mine()), fingerprint(Truth(("vx",), inner=mine()))))
+    assert len(set(prints)) == 4 and prints[0] == prints[-1]
+
+
+def test_what_was_typed_at_a_prompt_is_never_taken_for_the_same_again():
+    command = (
+        "from vse_gym.estimators.anchors import ZeroSideslip\n"
+        "from vse_gym.evaluation.contenders import fingerprint\n"
+        "class Mine(ZeroSideslip): pass\n"
+        "assert fingerprint(Mine()) == fingerprint(Mine())\n"
+        "print(fingerprint(Mine()))"
+    )
+    first, second = (
+        subprocess.run([sys.executable, "-"], input=command, capture_output=True, text=True, check=True).stdout
+        for _ in range(2)
+    )
+    assert len(first.strip()) == 12 and first != second
+
+
+def test_a_row_bears_the_digest_that_was_taken_at_the_start():
+    assert contenders(["ekf"])[0].columns["tuning_digest"] == fingerprint(ExtendedKalmanFilter())
 
 
 def test_attribution_makes_the_other_fields_true():

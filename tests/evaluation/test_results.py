@@ -11,7 +11,17 @@ import polars as pl
 import pytest
 
 from vse_gym import vehicles
-from vse_gym.evaluation import TIMES, Bench, Results, ResultsError, contenders, evaluate, provenance, read_runs
+from vse_gym.evaluation import (
+    TIMES,
+    Bench,
+    Results,
+    ResultsError,
+    contenders,
+    evaluate,
+    provenance,
+    read_runs,
+    unfinished,
+)
 from vse_gym.evaluation import results as module
 from vse_gym.evaluation.runs import run_cell
 
@@ -27,7 +37,7 @@ def same(a, b):
 
 
 def bench(study, folder, judged=JUDGED, seeds=2, **options):
-    return Bench(study, judged, seeds, finished=Results(folder, study, judged, **options))
+    return Bench(study, judged, seeds, finished=Results(folder, study, judged, seeds=seeds, **options))
 
 
 @pytest.fixture(scope="module")
@@ -130,10 +140,10 @@ def test_results_of_other_code_are_not_gone_on_with(short, folder, monkeypatch):
         Results(folder, short, resume=True)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[1]"])
+@pytest.mark.parametrize("text", ["", "{", "[1]", None])
 def test_a_manifest_that_cannot_be_read_is_said(short, folder, text):
-    (folder / "run.json").write_text(text)
-    with pytest.raises(ResultsError, match="cannot be"):
+    (folder / "run.json").unlink() if text is None else (folder / "run.json").write_text(text)
+    with pytest.raises(ResultsError, match="cannot be read"):
         Results(folder, short, resume=True)
 
 
@@ -245,3 +255,33 @@ def test_the_label_of_a_tuning_is_today_s(short, folder):
     work = bench(short, folder, named, seeds=1, resume=True)
     assert work.tasks() == []  # the settings are the same
     assert set(work.runs.filter(pl.col("estimator") == "ekf")["tuning"]) == {"mine"}
+
+
+def test_who_is_added_later_stands_beside_those_who_were_there(short, folder):
+    work = bench(short, folder, contenders(["zero"]), seeds=1, resume=True)
+    work.drive()
+    assert work.runs["estimator"].unique().sort().to_list() == ["none", "zero"]
+    everybody = work.finished.everybody(work.numbers)
+    assert same(everybody, evaluate(short, ["truth", "ekf", "zero"], seeds=1))
+    assert list(json.loads((folder / "run.json").read_text())["tunings"]) == ["truth", "ekf", "zero"]
+
+
+def test_evaluate_gives_those_asked_for_and_the_folder_keeps_all(short, tmp_path):
+    evaluate(short, ["truth"], seeds=1, out=tmp_path)
+    runs = evaluate(short, ["zero"], seeds=1, out=tmp_path)
+    assert runs["estimator"].unique().sort().to_list() == ["none", "zero"]
+    assert read_runs(tmp_path)["estimator"].unique().sort().to_list() == ["none", "truth", "zero"]
+
+
+def test_what_is_missing_is_said(short, folder):
+    assert unfinished(read_runs(folder), folder) == ""
+    part = next((folder / "parts").glob("gentle*"))
+    part.unlink()
+    assert "1 of 2" in unfinished(read_runs(folder), folder) and "Gentle, 90" in unfinished(read_runs(folder), folder)
+
+
+def test_overwriting_leaves_nothing_of_the_old_tables(short, folder):
+    for name in ("table.md", "question.png", "report.html", "runs.parquet"):
+        (folder / name).write_text("old")
+    Results(folder, short, JUDGED, overwrite=True)
+    assert {path.name for path in folder.iterdir()} == {"parts", "run.json"}

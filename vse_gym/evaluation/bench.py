@@ -154,13 +154,12 @@ def evaluate(
     study = Study.load(study) if isinstance(study, str) else study
     judged = contenders_of(study, estimators, tunings)
     told = f"evaluate({study.name!r})"
-    finished = Finished() if out is None else Results(Path(out), study, judged, told, resume=True)
-    bench = Bench(study, judged, study.seeds if seeds is None else seeds, jobs, finished=finished)
-    bench.drive()
-    runs = bench.runs
+    count = study.seeds if seeds is None else seeds
+    finished = Finished() if out is None else Results(Path(out), study, judged, told, count, resume=True)
+    bench = Bench(study, judged, count, jobs, finished=finished).drive()
     if isinstance(finished, Results):
-        write_runs(finished.folder, runs)
-    return runs
+        write_runs(finished.folder, finished.everybody(bench.numbers))
+    return bench.runs
 
 
 def contenders_of(

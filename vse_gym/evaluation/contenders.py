@@ -2,12 +2,14 @@
 
 import pickle
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import blake2b
 from pathlib import Path
-from sys import modules
 from types import FunctionType
+from uuid import uuid4
+from weakref import WeakKeyDictionary
 
 import joblib
 
@@ -33,12 +35,9 @@ def digest(*parts: object) -> str:
 
 
 def fingerprint(estimator: Estimator) -> str:
-    """Of an estimator's class and settings; of its module's source too if it is not one of ours.
-
-    What that module imports is not looked at.
-    """
+    """Of an estimator's class and settings; of the code too if it is not ours, which has a digest of its own."""
     inner = fingerprint(estimator.inner) if isinstance(estimator, Truth) and estimator.inner is not None else ""
-    return digest(_said(estimator), _source_of(type(estimator)), inner)
+    return digest(_said(estimator), *_code_of(type(estimator)), inner)
 
 
 def _said(thing: object) -> object:
@@ -50,7 +49,7 @@ def _said(thing: object) -> object:
     kind = f"{type(thing).__module__}:{type(thing).__qualname__}"
     if is_dataclass(thing) and not isinstance(thing, type):
         held = {f.name: getattr(thing, f.name) for f in fields(thing)} | getattr(thing, "__dict__", {})
-        return kind, [(name, _said(value)) for name, value in sorted(held.items())]
+        return kind, _code_of(type(thing)), [(name, _said(value)) for name, value in sorted(held.items())]
     try:
         return kind, joblib.hash(thing)
     except (pickle.PicklingError, TypeError, AttributeError):  # it holds a function, a lock, ...
@@ -60,10 +59,35 @@ def _said(thing: object) -> object:
         return kind, [(name, _said(value)) for name, value in attributes] or re.sub(r" at 0x[0-9a-f]+", "", repr(thing))
 
 
-def _source_of(kind: type) -> str:
-    """The whole module, since a class leans on what stands beside it; nothing of what was typed at a prompt."""
-    path = None if kind.__module__.startswith("vse_gym.") else getattr(modules.get(kind.__module__), "__file__", None)
-    return Path(path).read_text(encoding="utf-8", errors="replace") if path else ""
+def _code_of(kind: type) -> list[str]:
+    """Digests of the code that a class and its bases are made of, but for ours and the standard library's."""
+    found = []
+    for base in kind.__mro__:
+        top = base.__module__.partition(".")[0]
+        if top == "vse_gym" or (top in sys.stdlib_module_names and top != "__main__"):
+            continue
+        file = getattr(sys.modules.get(base.__module__), "__file__", None)
+        found.append(_neighbours(Path(file)) if file and Path(file).is_file() else _typed(base))
+    return found
+
+
+def _neighbours(file: Path) -> str:
+    """Of a file and of what has been imported from below its folder: helpers of the class may stand there."""
+    folder = file.resolve().parent
+    files = {file.resolve()}
+    if folder.name != "site-packages":
+        loaded = [getattr(module, "__file__", None) for module in list(sys.modules.values())]
+        there = [Path(name).resolve() for name in loaded if name and name.endswith(".py")]
+        files |= {path for path in there if folder in path.parents and "site-packages" not in path.parts}
+    return digest(*(f"{path.name}\n{path.read_text(encoding='utf-8', errors='replace')}" for path in sorted(files)))
+
+
+_TYPED: WeakKeyDictionary[type, str] = WeakKeyDictionary()
+
+
+def _typed(kind: type) -> str:
+    """Of a class typed at a prompt, whose code nobody can read again: never the same in another process."""
+    return _TYPED.setdefault(kind, uuid4().hex)
 
 
 @dataclass(frozen=True)
@@ -75,17 +99,17 @@ class Contender:
     tuning: str = DEFAULT  # whence its settings, for the table
     parent: str = ""  # of an attribution row: the estimator whose parts it keeps
     part: str = "whole"  # or one of PARTS: what is estimated, the rest being true
+    digest: str = ""  # of the estimator; empty: taken now, where its code can be read, as a worker may not
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parent", self.parent or self.name)
+        object.__setattr__(self, "digest", self.digest or fingerprint(self.estimator))
 
     @property
     def columns(self) -> dict[str, str]:
         """What its rows say of it."""
-        return {
-            "estimator": self.name,
-            "parent": self.parent or self.name,
-            "part": self.part,
-            "tuning": self.tuning,
-            "tuning_digest": fingerprint(self.estimator),
-        }
+        names = {"estimator": self.name, "parent": self.parent, "part": self.part}
+        return names | {"tuning": self.tuning, "tuning_digest": self.digest}
 
 
 def contenders(

@@ -23,6 +23,8 @@ from vse_gym.evaluation.study import Study
 if TYPE_CHECKING:
     import polars
 
+Asked = tuple[str, str, str]  # name, tuning and digest of a row's estimator
+
 FORMAT = 1
 FIRST = ("cell", "seed", "estimator", "parent", "part", "tuning", "regret")  # columns that a reader looks for
 
@@ -42,7 +44,7 @@ class Finished:
         had: set[tuple[str, str]] = set()
         for part in self._parts.get((cell, seed), ()):
             had.update(part.select("estimator", "tuning_digest").iter_rows())
-        lacking = tuple(c for c in contenders if (c.name, c.columns["tuning_digest"]) not in had)
+        lacking = tuple(c for c in contenders if (c.name, c.digest) not in had)
         return lacking, (POTENTIAL, "") not in had
 
     def add(self, rows: Sequence[Row]) -> None:
@@ -58,12 +60,15 @@ class Finished:
         Raises:
             ResultsError: If there are none.
         """
+        return self._table([(c.name, c.tuning, c.digest) for c in contenders], seeds)
+
+    def _table(self, asked: Sequence[Asked], seeds: Sequence[int] | None) -> "polars.DataFrame":
         import polars
 
         frames = [part for key in sorted(self._parts) for part in self._parts[key]]
         if not frames:
             raise ResultsError("no cell is finished")
-        rows = _in_order(frames, [(c.name, c.tuning, c.columns["tuning_digest"]) for c in contenders])
+        rows = _in_order(frames, asked)
         return rows if seeds is None else rows.filter(polars.col("seed").is_in(list(seeds)))
 
 
@@ -75,6 +80,7 @@ class Results(Finished):
         study: What is driven.
         contenders: By whom.
         command: With which command.
+        seeds: How many; 0: the study's own.
         resume: Go on with what is there.
         overwrite: Throw away what is there.
 
@@ -90,28 +96,32 @@ class Results(Finished):
         study: Study,
         contenders: Sequence[Contender] = (),
         command: str = "",
+        seeds: int = 0,
         resume: bool = False,
         overwrite: bool = False,
     ):
         super().__init__()
         self.folder, self.study = folder, study
         self.damaged: list[str] = []  # parts that were found unreadable and set aside
+        self._before: list[Asked] = []  # whom an earlier run judged here
         if folder.exists() and not folder.is_dir():
             raise ResultsError(f"{folder} is a file: results go into a folder")
-        begun = self._manifest.exists()
+        begun = self._manifest.exists() or any(self._shelf.glob("*.parquet"))
         if begun and overwrite:
             self._clear()
         elif begun and not resume:
-            held = _read_manifest(self._manifest).get("study", "another study")
+            held = read_manifest(folder).get("study", "another study")
             raise ResultsError(
                 f"{folder} holds results of {held} already: --resume goes on with them, --overwrite throws them away"
             )
         elif begun:
-            self._check(_read_manifest(self._manifest))
+            held = read_manifest(folder)
+            self._check(held)
+            self._before = _tunings(held)
             for name in ("runs", "times"):  # of fewer parts than there will be
                 (folder / f"{name}.parquet").unlink(missing_ok=True)
         self._shelf.mkdir(parents=True, exist_ok=True)
-        self._describe(command, contenders)
+        self._describe(command, contenders, seeds)
         self._read()
 
     @property
@@ -122,8 +132,19 @@ class Results(Finished):
     def _shelf(self) -> Path:
         return self.folder / "parts"
 
-    def _describe(self, command: str, contenders: Sequence[Contender]) -> None:
+    @property
+    def _all(self) -> list[Asked]:
+        """Everybody who was ever judged here, each with the latest tuning."""
+        now = {name for name, _, _ in self._judged}
+        return [*(asked for asked in self._before if asked[0] not in now), *self._judged]
+
+    def everybody(self, seeds: Sequence[int] | None = None) -> "polars.DataFrame":
+        """As :meth:`collect`, of all who were ever judged here."""
+        return self._table(self._all, seeds)
+
+    def _describe(self, command: str, contenders: Sequence[Contender], seeds: int) -> None:
         """Write down what is driven, by whom, with which command."""
+        self._judged = [(c.name, c.tuning, c.digest) for c in contenders]
         told = {
             "format": FORMAT,
             "study": self.study.name,
@@ -134,7 +155,9 @@ class Results(Finished):
             "source": source_digest(),
             "libraries": libraries(),
             "command": command,
-            "tunings": {c.name: [c.tuning, c.columns["tuning_digest"]] for c in contenders},
+            "cells": [cell.name for cell in self.study.cells],
+            "seeds": seeds or self.study.seeds,
+            "tunings": {name: [tuning, digest] for name, tuning, digest in self._all},
         }
         _write(self._manifest, (json.dumps(told, indent=1) + "\n").encode())
 
@@ -186,8 +209,22 @@ class Results(Finished):
                 self.damaged.append(str(aside))
 
     def _clear(self) -> None:
-        for path in (*self._shelf.glob("*"), *self.folder.glob("*.parquet"), self._manifest):
+        derived = [path for ending in ("parquet", "md", "png", "html") for path in self.folder.glob(f"*.{ending}")]
+        for path in (*self._shelf.glob("*"), *derived, self._manifest):
             path.unlink(missing_ok=True)
+
+
+def unfinished(runs: "polars.DataFrame", folder: Path) -> str:
+    """What is missing of what was to be driven, as a sentence; empty: nothing is."""
+    told = read_manifest(folder)
+    cells, seeds = told.get("cells", []), told.get("seeds", 0)
+    pairs = runs.select("cell", "seed").unique()
+    lacking = len(cells) * seeds - len(pairs)
+    if lacking <= 0:
+        return ""
+    never = sorted(set(cells) - set(pairs["cell"]))
+    which = f", none of {', '.join(never)}" if never else ""
+    return f"unfinished: {len(pairs)} of {len(cells) * seeds} cells x seeds are driven{which}; --resume goes on"
 
 
 def read_runs(folder: Path) -> "polars.DataFrame":
@@ -228,8 +265,11 @@ def _unfinished(folder: Path) -> "polars.DataFrame":
     frames = [frame for path in sorted((folder / "parts").glob("*.parquet")) if (frame := _sound(path)) is not None]
     if not frames:
         raise ResultsError(f"{folder} holds neither runs.parquet nor any finished cell")
-    tunings = _read_manifest(folder / "run.json").get("tunings", {})
-    return _in_order(frames, [(name, label, digest) for name, (label, digest) in tunings.items()])
+    return _in_order(frames, _tunings(read_manifest(folder)))
+
+
+def _tunings(manifest: Mapping[str, Any]) -> list[Asked]:
+    return [(name, label, digest) for name, (label, digest) in manifest.get("tunings", {}).items()]
 
 
 def _sound(path: Path) -> "polars.DataFrame | None":
@@ -240,7 +280,7 @@ def _sound(path: Path) -> "polars.DataFrame | None":
     return polars.read_parquet(io.BytesIO(content)) if path.stem.rpartition("-")[2] == _digest(content) else None
 
 
-def _in_order(frames: Sequence["polars.DataFrame"], asked: Sequence[tuple[str, str, str]]) -> "polars.DataFrame":
+def _in_order(frames: Sequence["polars.DataFrame"], asked: Sequence[Asked]) -> "polars.DataFrame":
     """One sorted table of the rows of these estimators, by name, tuning and digest, and of the car without control."""
     import polars
 
@@ -253,12 +293,23 @@ def _in_order(frames: Sequence["polars.DataFrame"], asked: Sequence[tuple[str, s
     return rows.select(ordered).unique(KEYS, keep="last", maintain_order=True).sort(KEYS)
 
 
-def _read_manifest(path: Path) -> dict[str, Any]:
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """What was to be driven in a folder, by whom, with what.
+
+    Raises:
+        ResultsError: If that cannot be read.
+    """
+    path = folder / "run.json"
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(told, dict):
+            raise ValueError("it holds no table")
     except (OSError, ValueError) as error:
-        raise ResultsError(f"{path} cannot be read: {error}; --overwrite begins anew") from error
-    return told if isinstance(told, dict) else {}
+        raise ResultsError(
+            f"{path}, which says whose the finished cells in parts/ are, cannot be read: {error}; put it back, choose "
+            "another folder, or --overwrite this one"
+        ) from error
+    return told
 
 
 def _alive(name: str) -> bool:
