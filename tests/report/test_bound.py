@@ -1,11 +1,14 @@
 """Multiples of the bound: the right mean, an interval that covers, and nobody flattered by a drive given up."""
 
 import math
+from io import StringIO
 
 import numpy as np
 import polars as pl
 import pytest
+from rich.console import Console
 
+from vse_gym.report import on_screen
 from vse_gym.report.bound import ERRORS, bound_cells, bound_figure, multiples
 
 
@@ -52,8 +55,14 @@ def test_who_gives_up_a_drive_has_no_multiple_and_says_so():
     heads, texts = bound_cells(times)
     assert texts[1][1] == "broken (1 of 2 drives given up)" and texts[1][2:4] == ["SingleTrack", "-"]
     assert all(len(text) == len(heads) for text in texts)
-    heads, texts = bound_cells(times, narrow=True)
-    assert all(len(text) == len(heads) for text in texts) and "model" not in heads
+
+
+def test_the_table_for_the_screen_fits_eighty_columns_and_names_the_model():
+    runs = rows("pf_cauchy_gaussian", [0.5, 0.6]) + rows("ekf_cauchy_gaussian", [12.5, None], ended="raised")
+    screen = Console(width=80, record=True, file=StringIO())
+    screen.print(on_screen(*bound_cells(multiples(pl.DataFrame(runs)), narrow=True), title=""))
+    text = screen.export_text()
+    assert "…" not in text and text.count("single") == 2 and "pf_cauchy_gaussian" in text and "2 of 2 drives" in text
 
 
 def test_cells_are_apart_and_the_nearest_comes_first():

@@ -15,7 +15,7 @@ ERRORS = (("sideslip", "shadow_sideslip_rmse_deg", "bound_sideslip_deg"), ("vx",
 LEGEND = (
     "times the bound: root mean square error over the least that any estimator can have (posterior Cramer-Rao bound),\n"
     "1 is perfect; the interval is about the seeds. Drives are drawn from the estimator's own model and its noise,\n"
-    "the column `model` of bound.md; `kf` and `kinematic` have none of these and hear the single track's as they are."
+    "named by `model`; `kf` and `kinematic` have none of these and hear the single track's as they are."
 )
 
 
@@ -52,23 +52,28 @@ def multiples(runs: pl.DataFrame) -> pl.DataFrame:
 
 
 def bound_cells(times: pl.DataFrame, narrow: bool = False) -> tuple[list[str], list[list[str]]]:
-    """Heads and rows of :func:`multiples` as text; ``narrow``, of one cell and without the model, for a screen."""
+    """Heads and rows of :func:`multiples` as text; ``narrow``, of one cell, is shorter and fits 80 columns."""
     heads = ["cell", "estimator", "model", "sideslip: times the bound", "95 % interval", "vx: times the bound"]
     heads += ["95 % interval", "bound: sideslip deg", "vx m/s", "NEES", "truth in the 95 % band %", "us per update"]
     if narrow:
-        heads = ["estimator", "sideslip", "95 %", "vx", "95 %", "bound deg", "m/s", "NEES", "band %", "us"]
+        heads = ["estimator", "model", "side-\nslip", "95 %", "vx", "bound\ndeg", "NEES", "us"]
     rows = []
     for row in times.iter_rows(named=True):
-        given_up = f" ({row['ended']} of {row['seeds']} drives given up)" if row["ended"] else ""
-        text = [row["estimator"] + given_up] if narrow else [row["cell"], row["estimator"] + given_up, row["model"]]
-        for error, *_ in ERRORS:
-            text += [
-                _text(row[error], ".2f"),
-                " to ".join(_text(row[f"{error}_{end}"], ".2f") for end in ("low", "high")),
-            ]
-        text += [f"{row['bound_sideslip_deg']:.4f}", f"{row['bound_vx_mps']:.4f}"]
-        text += [_text(row["nees"], ".2f"), _text(row["coverage_percent"], ".0f"), _text(row["update_us"], ".0f")]
-        rows.append(text)
+        own, other = (
+            [_text(row[error], ".2f"), " to ".join(_text(row[f"{error}_{end}"], ".2f") for end in ("low", "high"))]
+            for error, *_ in ERRORS
+        )
+        bounds = [f"{row['bound_sideslip_deg']:.4f}", f"{row['bound_vx_mps']:.4f}"]
+        nees, band, time = (
+            _text(row[k], s) for k, s in (("nees", ".2f"), ("coverage_percent", ".0f"), ("update_us", ".0f"))
+        )
+        given_up = f"({row['ended']} of {row['seeds']} drives given up)" if row["ended"] else ""
+        if narrow:
+            model = row["model"].removesuffix("Track").lower()
+            rows.append([f"{row['estimator']}\n{given_up}".strip(), model, *own, other[0], bounds[0], nees, time])
+        else:
+            name = f"{row['estimator']} {given_up}".strip()
+            rows.append([row["cell"], name, row["model"], *own, *other, *bounds, nees, band, time])
     return heads, rows
 
 
