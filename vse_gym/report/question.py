@@ -249,7 +249,7 @@ def _predictor(name: str, runs: pl.DataFrame, column: str) -> dict[str, Any]:
 
     row: dict[str, Any] = {"controller": name, "predictor": column, "estimators": estimators}
     known = estimators > 2
-    ends = resampled(beside, seeds) if known else [np.full(2, np.nan)] * 3
+    ends = resampled(beside, seeds, largest=np.array([1, 2])) if known else [np.full(2, np.nan)] * 3
     for k, what in enumerate(("spearman", "gain")):
         row |= {what: ends[0][k], f"{what}_low": ends[1][k], f"{what}_high": ends[2][k]}
     all_seeds, each = np.arange(seeds)[None], np.arange(cells)[:, None]
