@@ -20,7 +20,7 @@ RANKING = (
     "together (sign flips of paired differences; fewer than six seeds tell nobody apart). So one whose regret scatters "
     "may be tied where a steadier one with less is not. Ranks are intervals that hold for all at once. "
     "A drive that ends badly counts 14; where that happens in about 1 % of runs, intervals and ties are too sure, for "
-    "no method sees a tail that was not drawn, and the true mean lies above its interval more often than 1 in 40 times. "
+    "no method sees a tail that was not drawn, and the true mean may lie above its interval. "
     "Interquartile mean: of the middle half of all runs. "
     f"Better than {BASELINE}: share of runs with less regret at the same cell and seed, ties half. "
     "Where all seeds have the same share, its interval is that of so many wins in so many seeds (Clopper, Pearson). "
