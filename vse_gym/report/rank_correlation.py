@@ -38,7 +38,7 @@ def resampled(statistic: Callable[..., Array], *sizes: int, largest: Any = 1.0) 
 
     Percentiles, at the level widened for the smallest of ``sizes``, and their reflection about the value. Noise of the
     means pulls a rank correlation towards 0, the value once and what is drawn twice; percentiles alone lie too near 0,
-    and the reflection as far to the other side. Where the noise is a tenth of the variance of the means, it covers 96
+    and the reflection as far to the other side. Where the noise is a tenth of the variance of the means, it covers 95
     to 99 % with five or more seeds; where noise hides most of the order, less, for then so does the value itself.
 
     Args:
