@@ -9,14 +9,13 @@ wheels carry negative loads for long. Its roads are level and alike left and rig
 
 import argparse
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from rich.console import Console
-from scipy.stats import bootstrap, spearmanr
 
 from vse_gym.evaluation import Cell, Randomise, Study, evaluate
 from vse_gym.report import on_screen
+from vse_gym.report.rank_correlation import Indices, resampled, spearman
 from vse_gym.report.statistics import Cube, cube, mean, ranked
 from vse_gym.types import Array
 
@@ -70,14 +69,12 @@ def study_on(plant: str) -> Study:
 def agreement(first: Array, second: Array) -> tuple[float, float, float]:
     """Spearman's correlation of the orders by mean regret (E, S, C) on two plants, and its interval about the seeds."""
 
-    def drawn(seeds: Any) -> float:
-        means = (values[:, seeds].mean(axis=(1, 2)) for values in (first, second))
-        return float(spearmanr(*means).statistic)
+    def drawn(seeds: Indices) -> Array:
+        of_first, of_second = (values[:, seeds].mean(axis=(2, 3)).T for values in (first, second))
+        return spearman(of_first, of_second)[:, None]
 
-    everything = np.arange(first.shape[1])
-    settings: dict[str, Any] = {"vectorized": False, "method": "percentile", "n_resamples": 2000, "rng": 0}
-    ends = bootstrap((everything,), drawn, **settings).confidence_interval
-    return drawn(everything), float(ends.low), float(ends.high)
+    figure, low, high = (float(end[0]) for end in resampled(drawn, first.shape[1]))
+    return figure, low, high
 
 
 def main() -> None:

@@ -4,7 +4,7 @@
     python benchmarks/separation.py headline-v1 --seeds 5 --cells "friction jump,braking in a turn"
     python benchmarks/separation.py headline-v1 --runs results/h/runs.parquet     drives the floor alone
 
-A pair of estimators is apart in a cell if the bootstrap's 95 % interval of its paired difference of regret is clear
+A pair of estimators is apart in a cell if the 95 % interval of its paired difference of regret is clear
 of 0; it matters if the interval is also clear of +/- 0.4, what a cell may score by luck. The floor is the regret of
 drives with true states that are disturbed a little, by 0.02 m/s of vy or 0.2 % of the hand wheel: where so little makes
 more than 0.4, the cell is chaos. Stability is the rank correlation of orders from some seeds (and cells) and from all;

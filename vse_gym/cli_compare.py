@@ -9,9 +9,10 @@ from rich.markup import escape
 from vse_gym.cli_screen import screen, sentences
 
 LEGEND = (
-    "B - A: mean of differences paired by cell and seed; 95 %: its bootstrap over\n"
+    "B - A: mean of differences paired by cell and seed; 95 %: its interval over\n"
     "seeds; better, worse (of coverage more, less): the interval is clear of 0;\n"
-    "same: it is not; ?: there is none."
+    "same: it is not; ?: there is none. About one in twenty changes that are none is\n"
+    "called better or worse, for nothing is adjusted for how many are looked at."
 )
 COLOURS = {"better": "green", "worse": "red"}
 

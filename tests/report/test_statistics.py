@@ -58,6 +58,21 @@ def test_the_interval_of_the_mean_covers_a_skewed_clipped_law_nearly_as_often_as
     assert share_inside(seed_interval(values.mean(axis=2)), truth) == pytest.approx(expected, abs=SCATTER)
 
 
+@pytest.mark.parametrize("seeds", [2, 3, 5])
+def test_with_few_seeds_the_interval_of_the_mean_is_students_and_covers(seeds):
+    values = np.random.default_rng(10).normal(0, 1, (TRIALS, seeds))
+    found = seed_interval(values)
+    assert share_inside(found, 0.0) == pytest.approx(0.95, abs=SCATTER)
+    oracle = stats.ttest_1samp(values[0], 0).confidence_interval(0.95)
+    assert (found.low[0], found.high[0]) == pytest.approx(tuple(oracle))
+
+
+def test_with_few_seeds_other_statistics_than_a_mean_have_no_interval():
+    values = np.random.default_rng(11).normal(0, 1, (3, 6, 4))
+    assert np.isnan(interquartile_mean(of(values[:, :5])).low).all()
+    assert np.isfinite(interquartile_mean(of(values)).low).all()
+
+
 def test_the_interval_of_paired_differences_covers_as_often_as_it_says():
     rng = np.random.default_rng(2)
     shared, first, second = (rng.normal(0, spread, (TRIALS, 20, 8)) for spread in (1.0, 0.5, 1.5))
@@ -103,6 +118,12 @@ def test_values_that_do_not_differ_have_an_interval_without_width_and_no_warning
     assert trimmed.value.tolist() == [0, 14, 0] and np.isfinite(trimmed.low).all()
 
 
+@pytest.mark.parametrize(("seeds", "cells", "known"), [(8, 3, False), (3, 8, False), (4, 4, True)])
+def test_fewer_than_four_cells_say_nothing_about_others(seeds, cells, known):
+    values = np.random.default_rng(12).normal(0, 1, (2, seeds, cells))
+    assert (np.isfinite(mean_over_other_cells(of(values)).low) == known).all()
+
+
 def test_one_seed_or_one_cell_gives_no_interval():
     values = np.arange(6.0).reshape(2, 1, 3)
     for interval in (mean(of(values)), mean_over_other_cells(of(values)), interquartile_mean(of(values))):
@@ -139,6 +160,26 @@ def test_the_interval_of_improvement_mirrors_and_covers():
         inside += low[0, 1] <= truth <= high[0, 1]
         assert (low[1, 0], high[1, 0]) == pytest.approx((1 - high[0, 1], 1 - low[0, 1]))
     assert inside / 100 == pytest.approx(0.945, abs=2 * SCATTER)  # a quarter of the trials scatters twice as much
+
+
+def test_a_share_of_wins_near_one_is_covered_though_no_loss_was_drawn():
+    rng, inside, truth = np.random.default_rng(13), 0, 0.98
+    for _ in range(200):
+        wins = rng.random((10, 1)) < truth
+        _, low, high = improvement(of(np.stack([np.zeros((10, 1)), np.where(wins, 1.0, -1.0)])))
+        inside += low[0, 1] <= truth <= high[0, 1]
+    assert inside / 200 >= 0.95 - 1.5 * SCATTER  # half of the trials
+
+
+def test_where_every_seed_is_won_the_ends_are_those_of_clopper_and_pearson():
+    values = np.zeros((3, 10, 2))
+    values[1] += 1
+    value, low, high = improvement(of(values))
+    assert value[0, 1] == high[0, 1] == 1 and low[0, 1] == pytest.approx(0.025**0.1)
+    assert low[1, 0] == 0 and high[1, 0] == pytest.approx(1 - 0.025**0.1)
+    assert low[0, 2] < 0.5 < high[0, 2]  # always tied
+    few = improvement(of(np.random.default_rng(14).normal(0, 1, (2, 2, 1)) + [[[0]], [[0.5]]]))
+    assert np.nanmin(few.low) >= 0 and np.nanmax(few.high) <= 1
 
 
 def test_the_shared_noise_of_a_seed_cancels_in_differences(table):

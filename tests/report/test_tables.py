@@ -56,6 +56,16 @@ def test_renaming_and_reordering_changes_nothing(runs):
     np.testing.assert_allclose(plain.select(numbers), other.select(numbers), rtol=1e-12)
 
 
+def test_how_many_drives_ended_badly_stands_beside_the_rank(runs):
+    once = (pl.col("estimator") == "a") & (pl.col("seed") == 2) & (pl.col("cell") == "c1")
+    found = summary(runs.with_columns(loop_ended=pl.when(once).then(pl.lit("spin")).otherwise(pl.lit(""))))
+    paper, screen = cells_of(found), cells_of(found, narrow=True)
+    counts = {"truth": "0 of 16", "ekf": "0 of 16", "a": "1 of 16", "none (potential)": "0 of 16"}
+    assert column(paper, "ended badly") == counts
+    assert paper.heads.index("ended badly") == paper.heads.index("rank") + 1
+    assert column(screen, "bad")["a"] == "1"
+
+
 def test_without_the_baseline_nothing_is_compared_with_it(runs):
     assert summary(runs.filter(pl.col("estimator") != "ekf"))["improvement"].is_nan().sum() == 2
 

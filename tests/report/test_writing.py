@@ -37,6 +37,7 @@ def test_the_page_shows_the_same_tables_and_opens_without_a_network(runs, tmp_pa
         *FIGURES,
     }
     text, page = ((tmp_path / name).read_text() for name in ("table.md", "report.html"))
+    assert "<code>none</code> is the car without stability control" in page and "`none`" not in page
     assert "a &lt;command&gt;" in page and "<td>easy <b>" not in page
     titles = [line.removeprefix("## ") for line in text.splitlines() if line.startswith("## ")]
     assert len(titles) >= 7 and all(f"<h2>{title}</h2>" in page for title in titles)

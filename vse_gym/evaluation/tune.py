@@ -98,8 +98,9 @@ def search(
 ) -> tuple[list[Trial], bool]:
     """Minimise the mean of ``score(values, part)`` over all parts by optuna's multivariate TPE. Bergstra et al. (2011).
 
-    The first trial is the start. A trial whose mean so far is worse than the median of what finished ones had at the
-    same part is stopped, from the second part on. Ctrl-C ends the search.
+    The first trial is the start. A trial is stopped, from the second part on, if the best that its running mean has
+    been so far is worse than the median of the running means that finished trials had at the same part (optuna's median
+    pruner); so a lucky first part protects a bad trial. Ctrl-C ends the search.
 
     Args:
         score: To be minimised, deterministic.

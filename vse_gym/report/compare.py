@@ -53,8 +53,8 @@ class Comparison(NamedTuple):
 def compare_results(a: Results, b: Results) -> Comparison:
     """B against A over the runs that both have.
 
-    Intervals are 95 % bootstraps over seeds of the paired difference, the same seeds drawn for all cells; ``better``
-    and ``worse`` are intervals clear of 0, ``same`` is one that is not.
+    Intervals are 95 % of the paired difference over seeds, the same seeds drawn for all cells; ``better`` and ``worse``
+    are intervals clear of 0, ``same`` is one that is not. Nothing is adjusted for how many are looked at.
 
     Raises:
         ValueError: If no cell, seed and estimator is in both.

@@ -1,5 +1,6 @@
 """The report as a web page that needs no network."""
 
+import re
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -50,7 +51,12 @@ def page(runs: pl.DataFrame, summarised: pl.DataFrame, sections: list[Section], 
 
 def _html(section: Section) -> list[str]:
     table = f'<div class="table">{html(*section.sheet)}</div>'
-    return [f"<h2>{escape(section.title)}</h2>", f"<p>{escape(section.text)}</p>", table]
+    return [f"<h2>{escape(section.title)}</h2>", f"<p>{_marked(section.text)}</p>", table]
+
+
+def _marked(text: str) -> str:
+    """What stands between backticks as code."""
+    return re.sub("`([^`]*)`", r"<code>\1</code>", escape(text))
 
 
 def figures(runs: pl.DataFrame, summarised: pl.DataFrame) -> list[Any]:

@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vse_gym.report.rank_correlation import Indices, kendall, resampled, spearman
-from vse_gym.report.statistics import POTENTIAL, Array, Cube, complete, cube, seed_interval, whole
+from vse_gym.report.ranks import significance
+from vse_gym.report.statistics import CONFIDENCE, FEWEST, POTENTIAL, Array, Cube, complete, cube, seed_interval, whole
 
 ERROR = "shadow_sideslip_rmse_deg"
 IN_LOOP = "loop_sideslip_rmse_deg"
@@ -38,10 +40,12 @@ class Answer(NamedTuple):
     left_out: tuple[str, ...]  # anchors: they see the truth, or nothing
     overall: pl.DataFrame  # per controller: rank correlation of the means, intervals over seeds, and over cells too
     means: pl.DataFrame  # per controller and estimator: mean error and regret, intervals over seeds
-    by_cell: pl.DataFrame  # per cell: rank correlation; the least error's regret beside the least regret
+    by_cell: (
+        pl.DataFrame
+    )  # per cell: rank correlation; the least error's regret beside the least; tied: null if unknown
     cell_means: pl.DataFrame  # per cell and estimator: mean error and regret
     repeats: pl.DataFrame  # per controller: does a seed's error predict that seed's regret, one estimator, one cell
-    misleading: pl.DataFrame  # pairs in a cell: significantly less error, significantly more regret
+    misleading: pl.DataFrame  # pairs in a cell: less error, and significantly more regret among all pairs of the cell
     predictors: pl.DataFrame  # per controller and shadow metric: rank correlation, and how much above the sideslip's
     in_loop: pl.DataFrame  # the same for the error in the loop: no explanation
 
@@ -166,9 +170,8 @@ def _by_cell(name: str, pair: Pair) -> list[dict[str, Any]]:
     rho, tau = spearman(error, regret), kendall(error, regret)
     of_error, of_regret = (np.lexsort(keys, axis=-1)[:, 0] for keys in ((regret, error), (error, regret)))
     at = np.arange(len(error))
-    paired = pair.regret.values[of_error, :, at] - pair.regret.values[of_regret, :, at]  # (C, S)
-    more = seed_interval(np.round(paired, DIGITS))
-    names = pair.error.estimators
+    apart = _apart(pair.regret)[at, of_error, of_regret]
+    names, told = pair.error.estimators, len(pair.error.seeds) >= FEWEST
     return [
         {
             "controller": name,
@@ -180,10 +183,16 @@ def _by_cell(name: str, pair: Pair) -> list[dict[str, Any]]:
             "least_regret_of": names[of_regret[k]],
             "least_regret": regret[k, of_regret[k]],
             "same": bool(regret[k, of_error[k]] == regret[k, of_regret[k]]),
-            "tied": not more.low[k] > 0,
+            "tied": not apart[k] if told else None,
         }
         for k, cell in enumerate(pair.error.cells)
     ]
+
+
+def _apart(of: Cube) -> NDArray[np.bool_]:
+    """Whether two estimators differ in a cell by more than chance, all pairs of the cell together, (C, E, E)."""
+    cells = np.moveaxis(of.values, 2, 0)
+    return np.array([significance(np.round(values, DIGITS)) <= 1 - CONFIDENCE for values in cells])
 
 
 def _cell_means(name: str, pair: Pair) -> list[dict[str, Any]]:
@@ -206,7 +215,8 @@ def _repeats(name: str, pair: Pair) -> dict[str, Any]:
 
     defined = int(np.isfinite(spearman(*(v.swapaxes(1, 2) for v in (error, regret)))).sum())
     interval = resampled(mean, error.shape[1])
-    ends = {"low": interval.low[0], "high": interval.high[0]}
+    told = error.shape[1] >= FEWEST
+    ends = {"low": interval.low[0] if told else np.nan, "high": interval.high[0] if told else np.nan}
     return {"controller": name, "rank_correlation": interval.value[0], **ends, "pairs": defined}
 
 
@@ -220,16 +230,20 @@ MISLEADING = {
 
 
 def _misleading(cells: list[tuple[str, Pair]]) -> pl.DataFrame:
-    """Differences of A, with less error, to B in a cell; both intervals clear of 0, the largest regret first."""
+    """Differences of A to B in a cell, the largest regret first.
+
+    A has less error, with an interval clear of 0, and more regret, significantly among all pairs of the cell.
+    """
     rows = []
     for name, pair in cells:
         d_error, d_regret = (np.round(of.values[:, None] - of.values[None], DIGITS) for of in pair)  # (E, E, S, C)
-        found = np.argwhere((d_error.mean(axis=2) < 0) & (d_regret.mean(axis=2) > 0))
+        apart = np.moveaxis(_apart(pair.regret), 0, 2)
+        found = np.argwhere(apart & (d_error.mean(axis=2) < 0) & (d_regret.mean(axis=2) > 0))
         if not len(found):
             continue
         a, b, c = found.T
         less, more = (seed_interval(d[a, b, :, c]) for d in (d_error, d_regret))
-        for k in np.flatnonzero((less.high < 0) & (more.low > 0)):
+        for k in np.flatnonzero(less.high < 0):
             who = (pair.error.cells[c[k]], *(pair.error.estimators[end[k]] for end in (a, b)))
             rows.append((name, *who, *(end[k] for end in less), *(end[k] for end in more)))
     frame = pl.DataFrame(rows, schema=MISLEADING, orient="row")
@@ -249,7 +263,7 @@ def _predictor(name: str, runs: pl.DataFrame, column: str) -> dict[str, Any]:
 
     row: dict[str, Any] = {"controller": name, "predictor": column, "estimators": estimators}
     known = estimators > 2
-    ends = resampled(beside, seeds) if known else [np.full(2, np.nan)] * 3
+    ends = resampled(beside, seeds, largest=np.array([1, 2])) if known else [np.full(2, np.nan)] * 3
     for k, what in enumerate(("spearman", "gain")):
         row |= {what: ends[0][k], f"{what}_low": ends[1][k], f"{what}_high": ends[2][k]}
     all_seeds, each = np.arange(seeds)[None], np.arange(cells)[:, None]

@@ -6,7 +6,7 @@ are not two independent facts, and the seed is the unit of every interval here.
 
 import warnings
 from collections.abc import Callable
-from math import prod
+from math import ceil, floor, prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,8 +18,11 @@ Array = NDArray[np.float64]
 
 POTENTIAL = "none"  # the row of the car without stability control: what there is to gain; no estimator, never ranked
 CONFIDENCE = 0.95
+FEWEST = 6  # seeds; a bootstrap of fewer reaches from the least to the most and covers 50 to 89 %
+FEWEST_CELLS = 4  # and seeds drawn with them; with 2 to 3 cells an interval about cells covers 63 to 83 %
 RESAMPLES = 5000
 BATCH = 500  # resamples held in memory at once
+DIGITS = 6  # of a number of wins; what is less is rounding
 DRAW = 0  # seed of the resampling: the same table gives the same intervals
 
 
@@ -90,15 +93,17 @@ def cube(runs: pl.DataFrame, column: str = "regret") -> Cube:
 def seed_interval(values: Array, statistic: Callable[..., Any] = np.mean) -> Interval:
     """A statistic of pooled runs and its interval, by a bootstrap that draws the same seeds for every row.
 
-    BCa (Efron, 1987), percentiles where that is not defined; the level is that of :func:`widened`.
+    BCa (Efron, 1987), percentiles where that is not defined; the level is that of :func:`widened`. Below six seeds
+    Student's interval of a mean, and none of another statistic. Where a run in a hundred is far worse than the rest,
+    intervals of means cover 77 to 86 %, and what they miss lies above: no method sees a tail that was not drawn.
 
     Args:
         values: (E, S) or (E, S, C).
         statistic: Of pools (..., n) along ``axis``.
 
     Returns:
-        Figures and ends, (E,). All are NaN where a value is missing, ends also where there is but one seed. Where seeds
-        do not differ the ends are the figure.
+        Figures and ends, (E,). All are NaN where a value is missing, ends also where there are too few seeds. Where
+        seeds do not differ the ends are the figure.
     """
     pools = values if values.ndim == 3 else values[:, :, None]
     value = np.asarray(statistic(pools.reshape(len(pools), prod(pools.shape[1:])), axis=-1))
@@ -108,7 +113,10 @@ def seed_interval(values: Array, statistic: Callable[..., Any] = np.mean) -> Int
         same = known & (np.ptp(pools, axis=1) == 0).all(axis=1)
         low[same] = high[same] = value[same]
         differ = known & ~same
-        if differ.any():
+        if pools.shape[1] < FEWEST:
+            if statistic is np.mean:
+                low[differ], high[differ] = _student(pools[differ].mean(axis=2))
+        elif differ.any():
             low[differ], high[differ] = _bootstrap(pools[differ], statistic)
     return Interval(value, low, high)
 
@@ -121,6 +129,14 @@ def widened(size: int) -> float:
     """
     quantile = stats.t.ppf((1 + CONFIDENCE) / 2, size - 1) * np.sqrt(size / (size - 1))
     return float(1 - 2 * stats.norm.sf(quantile))
+
+
+def _student(values: Array) -> tuple[Array, Array]:
+    """Ends (E,) from (E, S)."""
+    low, high = stats.t.interval(
+        CONFIDENCE, values.shape[1] - 1, loc=values.mean(axis=1), scale=stats.sem(values, axis=1)
+    )
+    return low, high
 
 
 def _bootstrap(pools: Array, statistic: Callable[..., Any]) -> tuple[Array, Array]:
@@ -162,10 +178,11 @@ def mean_over_other_cells(of: Cube) -> Interval:
     """The same mean with an interval about seeds and cells: would it hold on other drives of this kind?
 
     Cells and seeds are both drawn anew (the pigeonhole bootstrap: Owen, Annals of Applied Statistics 1, 2007), and
-    percentiles are widened for the smaller of the two numbers. One cell gives no interval.
+    percentiles are widened for the smaller of the two numbers. Fewer than four of either give no interval. A study's
+    cells are chosen, not drawn at random, so the interval is of cells such as these.
     """
     _, seeds, cells = of.values.shape
-    if min(seeds, cells) < 2:
+    if min(seeds, cells) < FEWEST_CELLS:
         return Interval(means(of), *np.full((2, len(of.values)), np.nan))
     rng = np.random.default_rng(DRAW)
     of_seeds, of_cells = (rng.multinomial(n, np.full(n, 1 / n), RESAMPLES) / n for n in (seeds, cells))
@@ -187,12 +204,19 @@ def improvement(of: Cube) -> Interval:
     """Probability that the row's estimator has less regret than the column's on a run of the same seed, (E, E).
 
     Mean over cells of the share of seeds; ties count half. After Agarwal et al. (2021), who compare every run with
-    every other, for theirs are independent; ours are paired by seed, and so is this.
+    every other, for theirs are independent; ours are paired by seed, and so is this. Where all seeds have the same
+    share the ends are those of as many wins among the seeds (Clopper & Pearson, 1934): a rare loss may not be drawn.
     """
     size = len(of.values)
     first, second = np.triu_indices(size, 1)
     wins = (1 + np.sign(of.values[second] - of.values[first])) / 2
     upper = seed_interval(wins.mean(axis=2))
+    upper = upper._replace(low=np.maximum(upper.low, 0), high=np.minimum(upper.high, 1))
+    seeds = of.values.shape[1]
+    for k in np.flatnonzero(upper.low == upper.high):
+        won = round(float(upper.value[k]) * seeds, DIGITS)
+        upper.low[k] = stats.binomtest(floor(won), seeds).proportion_ci(CONFIDENCE).low
+        upper.high[k] = stats.binomtest(ceil(won), seeds).proportion_ci(CONFIDENCE).high
     value, low, high = (np.full((size, size), end) for end in (0.5, np.nan, np.nan))
     value[first, second], low[first, second], high[first, second] = upper
     value[second, first], low[second, first], high[second, first] = 1 - upper.value, 1 - upper.high, 1 - upper.low
@@ -202,8 +226,9 @@ def improvement(of: Cube) -> Interval:
 def precision(runs: pl.DataFrame) -> float:
     """Largest half width, from the mean to the farther end, of the intervals of mean regret of what is ranked.
 
-    To add seeds until it is small gives a fixed-width interval (Chow & Robbins, 1965). It covers a little less often,
-    for it stops more readily where the scatter looks small: 92 % if begun with 10 seeds. NaN for one seed.
+    To add seeds until it is small gives a fixed-width interval (Chow & Robbins, 1965). It covers less often than it
+    says, for it stops more readily where the scatter looks small: about 93 % if begun with 20 seeds, 86 % where rare
+    drives end badly, 58 % if begun with 3. NaN for one seed.
     """
     value, low, high = mean(cube(ranked(runs)))
     return float(np.maximum(value - low, high - value).max())

@@ -63,7 +63,8 @@ def _plain(runs: pl.DataFrame) -> pl.DataFrame:
         return here.cast(pl.Float64).fill_nan(None)
 
     return runs.group_by("estimator").agg(
-        (100 * (pl.col("loop_ended") != "").mean()).alias("ended_badly_percent"),
+        (pl.col("loop_ended") != "").sum().alias("ended_badly"),
+        pl.len().alias("drives"),
         (100 * known("loop_passed").mean()).alias("passed_percent"),
         known("shadow_nees").median().alias("nees"),  # one collapsed filter makes a mean meaningless
         *(known(column).mean().alias(name) for column, name in MEANS),
@@ -73,7 +74,6 @@ def _plain(runs: pl.DataFrame) -> pl.DataFrame:
 
 # column of the summary, head on a narrow screen, head on paper, format
 COLUMNS: tuple[tuple[str, str, str, str], ...] = (
-    ("ended_badly_percent", "bad\n%", "ended badly %", ".0f"),
     ("passed_percent", "pass\n%", "verdict passed %", ".0f"),
     ("sideslip_rmse_deg", "RMSE\ndeg", "shadow: sideslip RMSE deg", ".2f"),
     ("update_us", "us", "us per update", ".0f"),
@@ -81,7 +81,7 @@ COLUMNS: tuple[tuple[str, str, str, str], ...] = (
 LEGEND = (
     "regret: what it costs to drive by the estimate, not by true states (0 to 14);\n"
     "tied: those of one letter are not worse than its best by more than chance;\n"
-    "bad: drives that ended early; pass: the manoeuvre's verdict;\n"
+    "bad: number of drives that ended early; pass: the manoeuvre's verdict;\n"
     "RMSE: of sideslip, listening to the truth's drive; us: microseconds per update."
 )
 
@@ -89,16 +89,21 @@ LEGEND = (
 def cells_of(summarised: pl.DataFrame, narrow: bool = False) -> Sheet:
     """The summary as text; ``narrow`` fits 80 columns."""
     heads = ["estimator", "regret", "95 %" if narrow else "95 % interval", "tied"]
-    if not narrow:
-        heads += ["rank", "95 %, other cells too", "interquartile mean", f"better than {BASELINE} %"]
+    if narrow:
+        heads += ["bad"]
+    else:
+        heads += ["rank", "ended badly", "95 %, other cells too", "interquartile mean", f"better than {BASELINE} %"]
     rows = []
     for row in summarised.iter_rows(named=True):
         name = row["estimator"] + (" (potential)" if row["estimator"] == POTENTIAL else "")
         texts = [name, number(row["regret"], ".2f"), span(row["low"], row["high"], ".2f"), row["group"] or ""]
-        if not narrow:
+        if narrow:
+            texts += [str(row["ended_badly"])]
+        else:
             share, low, high = (row[k] and 100 * row[k] for k in ("improvement", "improvement_low", "improvement_high"))
             texts += [
                 "-" if row["rank_best"] is None else f"{row['rank_best']} to {row['rank_worst']}",
+                f"{row['ended_badly']} of {row['drives']}",
                 span(row["low_cells"], row["high_cells"], ".2f"),
                 figure_with(row["iqm"], row["iqm_low"], row["iqm_high"], ".2f"),
                 figure_with(share, low, high, ".0f"),
