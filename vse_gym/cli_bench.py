@@ -119,6 +119,7 @@ def report(folder: Annotated[Path, typer.Argument(help="What `vse-gym bench --ou
 def show(runs: "polars.DataFrame", title: str) -> None:
     """The tables of a study on the screen."""
     from vse_gym import report
+    from vse_gym.report.details import attribution
 
     if "bound_sideslip_deg" in runs.columns:
         _show_bound(runs, title)
@@ -127,6 +128,8 @@ def show(runs: "polars.DataFrame", title: str) -> None:
     screen.print(report.LEGEND, style="dim", highlight=False)
     for block in report.in_blocks(*report.by_cell(runs)):
         screen.print(report.on_screen(*block, title="regret by cell"))
+    if (parts := attribution(runs)) is not None:
+        screen.print(report.on_screen(*parts, title="regret if only a part is estimated and the rest is true"))
     for line in report.reasons(runs):
         screen.print(escape(line), style="red", highlight=False)
 

@@ -192,7 +192,7 @@ def test_attribution_sets_the_parts_beside_the_whole(runs):
     both = pl.concat([whole, *parts])
     (row,) = attribution(both).rows
     assert row[:2] == ["a", "esc"]
-    assert row[3:] == ["3.00 (3.00 to 3.00)", "1.00 (1.00 to 1.00)"]
+    assert row[3:] == ["3.00 (3.00 to 3.00)", "1.00 (1.00 to 1.00)", "0.50 (0.50 to 0.50)"]
     assert row[2].startswith(f"{mine['regret'].mean():.2f} (")
     assert summary(both).equals(summary(runs), null_equal=True)  # parts are not ranked
     only = attribution(pl.concat([whole, parts[1]])).rows

@@ -8,7 +8,12 @@ from vse_gym.report.tables import order
 from vse_gym.report.text import Sheet, figure_with, number
 
 TRUTH = "truth"
-PARTS = {"whole": "whole estimate", "velocity": "only vx, vy estimated", "yaw": "only yaw rate, ax, ay estimated"}
+PARTS = {
+    "whole": "whole estimate",
+    "velocity": "only vx, vy estimated",
+    "yaw": "only yaw rate, ax, ay estimated",
+    "acceleration": "only ax, ay estimated",
+}
 
 # column of the table of runs, head, format: every one is a difference to the drive with true states of the same seed
 DIFFERENCES = (
@@ -89,7 +94,9 @@ def false_interventions(runs: pl.DataFrame) -> Sheet | None:
         return None
     benign = benign.with_columns(intervened=100.0 * (pl.col("loop_intervention_s") > 0))
     texts = [_texts(cube(benign, column), spec) for column, _, spec in NEEDLESS]
-    return Sheet(["estimator", *_heads(NEEDLESS)], [[e, *_row(texts, e)] for e in order(benign)])
+    early = dict(benign.group_by("estimator").agg(pl.col("loop_ended").ne("").sum()).iter_rows())
+    rows = [[e, *_row(texts, e), str(early[e])] for e in order(benign)]
+    return Sheet(["estimator", *_heads(NEEDLESS), "drives that ended early"], rows)
 
 
 def attribution(runs: pl.DataFrame) -> Sheet | None:
@@ -107,6 +114,19 @@ def attribution(runs: pl.DataFrame) -> Sheet | None:
         named = [e for e in order(runs) if e in parents]
         rows += [[e, controller, *_row(texts, e)] for e in named + sorted(parents - set(named))]
     return Sheet(["estimator", "controller", *PARTS.values()], rows)
+
+
+def ended_early(runs: pl.DataFrame) -> Sheet | None:
+    """Why drives ended before their time, the most frequent first; None if none did."""
+    ended = whole(runs).filter(pl.col("loop_ended") != "")
+    if ended.is_empty():
+        return None
+    counts = ended.group_by("estimator", "loop_ended").agg(pl.len(), pl.col("cell").unique().sort())
+    counts = counts.sort("len", "estimator", "loop_ended", descending=[True, False, False])
+    return Sheet(
+        ["estimator", "drives", "why", "in"],
+        [[name, str(count), why, ", ".join(cells)] for name, why, count, cells in counts.iter_rows()],
+    )
 
 
 def tunings(runs: pl.DataFrame) -> Sheet | None:

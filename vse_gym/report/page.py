@@ -27,6 +27,14 @@ th:first-child, td:first-child { text-align: left }
 """
 
 
+LINKS = (
+    '<p>Beside this page: <a href="table.md">all tables</a>, '
+    '<a href="question.md">does a small error make a good drive?</a> and <a href="question.png">its picture</a>, '
+    '<a href="ranks.png">ranks</a>, <a href="regret.png">regret by cell</a>, '
+    '<a href="improvement.png">who beats whom</a>.</p>'
+)
+
+
 def page(runs: pl.DataFrame, summarised: pl.DataFrame, sections: list[Section], path: Path, command: str) -> None:
     """All tables, and figures to move about in; needs the extra [report].
 
@@ -39,6 +47,7 @@ def page(runs: pl.DataFrame, summarised: pl.DataFrame, sections: list[Section], 
     texts = [
         f"<h1>{escape(runs['study'][0])}, version {runs['version'][0]}</h1>",
         f"<p><code>{escape(command)}</code>: {len(runs)} runs.</p>",
+        LINKS,
         *_html(first),
         *(figure.to_html(full_html=False, include_plotlyjs=False) for figure in figures(runs, summarised)),
         *(text for section in rest for text in _html(section)),

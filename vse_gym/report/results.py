@@ -53,6 +53,8 @@ def _read_table(path: Path, needed: tuple[str, ...]) -> pl.DataFrame:
         table = pl.read_parquet(path)
     except (pl.exceptions.PolarsError, OSError) as error:
         raise ValueError(f"{path} cannot be read, it is damaged or no parquet file: {error}") from error
+    if "bound_sideslip_deg" in table.columns:
+        raise ValueError(f"{path} is of a matched study, which has no regret: compare the two bound.md")
     if missing := [c for c in needed if c not in table.columns]:
         raise ValueError(f"{path} is no table of runs: it lacks {', '.join(missing)}")
     if table.is_empty():

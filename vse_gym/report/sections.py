@@ -40,7 +40,7 @@ GAIN = (
     "are not in it. Drives that ended early count as far as they went."
 )
 BENIGN = "Drives that need no help. The truth's row is what the controller does of its own accord."
-ATTRIBUTION = "Mean regret if the controller sees only a part of the estimate and the rest as it is."
+ATTRIBUTION = "Mean regret if the controller sees only a part of the estimate, and of the rest the true states."
 
 
 class Section(NamedTuple):
@@ -56,6 +56,7 @@ def sections(runs: pl.DataFrame, summarised: pl.DataFrame) -> list[Section]:
     found = (
         ("Who lets the controller do its work", RANKING.format(counted=_counted(runs)), cells_of(summarised)),
         ("Regret by cell", "Mean over seeds.", by_cell(runs)),
+        ("Drives that ended early", "Each counts 14.", details.ended_early(runs)),
         ("Attribution", ATTRIBUTION, details.attribution(runs)),
         ("Differences to the drive with true states", DIFFERENCES, details.differences(runs)),
         ("Gain and price of control", GAIN, details.gain_and_price(runs)),

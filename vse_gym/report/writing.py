@@ -51,6 +51,7 @@ def _write_answer(runs: pl.DataFrame, folder: Path, command: str) -> None:
         found = answer(runs)
     except ValueError as error:
         said = f"This table does not say: {error}.\n"
+        (folder / "question.png").unlink(missing_ok=True)  # of an earlier table
     else:
         said = answer_text(found)
         with suppress(ModuleNotFoundError):
