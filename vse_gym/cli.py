@@ -13,6 +13,7 @@ from rich.table import Column, Table
 
 from vse_gym import cli_bench, cli_check, cli_compare, cli_procedures, cli_tune
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
+from vse_gym.cli_check import of_kind
 from vse_gym.cli_screen import (
     ControllerName,
     EstimatorName,
@@ -117,7 +118,7 @@ def run(
     with sentences():
         settings = si({k: v for k, v in given.items() if v is not None})
         drive = scenario(manoeuvre, vehicle, sensors, plant=plant, **settings)
-        log = rollout(drive, estimator, controller, seed)
+        log = rollout(drive, of_kind(estimator, ESTIMATORS), of_kind(controller, CONTROLLERS), seed)
     if not len(log.time):
         raise refuse(RuntimeError(f"the drive never began: {log.ended}"))
     verdict = drive.manoeuvre.judge(log, drive.nominal)

@@ -90,7 +90,8 @@ BAD_FILES = {
     ),
     "truth for a number": ("estimator = 'kinematic'\n[settings]\nleak = true", TypeError, "'leak' must be of the kind"),
     "impossible": ("estimator = 'pf'\n[settings]\nsize = 1", ValueError, "size must be at least 2"),
-    "no settings": ("estimator = 'ekf'", ValueError, r"has estimator, \[settings\] and \[origin\], not estimator"),
+    "no settings": ("estimator = 'ekf'", ValueError, r"\[settings\] and \[origin\]; this one has estimator"),
+    "empty": ("", ValueError, "this one has nothing"),
     "more": ("estimator = 'ekf'\ncolour = 1\n[settings]", ValueError, "colour"),
     "no TOML": ("estimator: ekf", ValueError, "line 1"),
 }
@@ -138,7 +139,7 @@ def test_a_folder_without_tunings_or_with_two_of_one_estimator_is_refused(tmp_pa
         Tuning("ekf", {}).save(tmp_path / file)
     with pytest.raises(ValueError, match="two tunings files of 'ekf'"):
         load_folder(tmp_path)
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileNotFoundError, match="there is no tunings file or folder .*nowhere"):
         load_folder(tmp_path / "nowhere.toml")
 
 
