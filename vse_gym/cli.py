@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import fields
 from itertools import takewhile
 from pathlib import Path
@@ -64,29 +65,51 @@ def _differs(suite: Any) -> str:
 
 
 @app.command("list")
-def list_names() -> None:
+def list_names(
+    kind: Annotated[str | None, typer.Argument(help="Of one kind alone, such as `estimators`.")] = None,
+) -> None:
     """Everything that has a name: estimators, controllers, manoeuvres, vehicles, sensor suites, studies."""
+    kinds: dict[str, Callable[[], dict[str, str]]] = {
+        "estimator": lambda: _registered(ESTIMATORS),
+        "controller": lambda: _registered(CONTROLLERS),
+        "manoeuvre": lambda: _registered(MANOEUVRES),
+        "vehicle": _vehicles,
+        "sensors": _suites,
+        "study": _studies,
+    }
+    plurals = {name: {"study": "studies"}.get(name, name.removesuffix("s") + "s") for name in kinds}
+    shown = [name for name in kinds if kind in (None, name, plurals[name])]
+    if not shown:
+        raise refuse(ValueError(f"nothing is of the kind {kind!r}; known: {', '.join(plurals.values())}"))
+    table = Table("kind", "name", Column("what it is", overflow="fold"))
+    for one in shown:
+        for name, what in kinds[one]().items():
+            table.add_row(one, name, escape(what))
+        table.add_section()
+    screen.print(table)
+
+
+def _registered(registry: Registry[Any]) -> dict[str, str]:
+    return {name: first_sentence(registry[name]) for name in registry}
+
+
+def _vehicles() -> dict[str, str]:
     from vse_gym import vehicles
-    from vse_gym.evaluation import STUDIES, study_names
+
+    return {name: _head_sentence(vehicles.FOLDER / f"{name}.toml") for name in vehicles.names()}
+
+
+def _suites() -> dict[str, str]:
     from vse_gym.sensors import EXTRAS, SUITES
 
-    kinds: dict[str, Registry[Any]] = {"estimator": ESTIMATORS, "controller": CONTROLLERS, "manoeuvre": MANOEUVRES}
-    table = Table("kind", "name", Column("what it is", overflow="fold"))
-    for kind, registry in kinds.items():
-        for name in registry:
-            table.add_row(kind, name, escape(first_sentence(registry[name])))
-        table.add_section()
-    for name in vehicles.names():
-        table.add_row("vehicle", name, escape(_head_sentence(vehicles.FOLDER / f"{name}.toml")))
-    table.add_section()
-    for name, suite in SUITES.items():
-        table.add_row("sensors", name, _differs(suite))
-    for extra in EXTRAS:
-        table.add_row("sensors", f"<any of these>+{extra}", f"the same with the sensor '{extra}' on board")
-    table.add_section()
-    for name in study_names():
-        table.add_row("study", name, escape(_head_sentence(STUDIES / f"{name}.toml")))
-    screen.print(table)
+    more = {f"<any of these>+{extra}": f"the same with the sensor '{extra}' on board" for extra in EXTRAS}
+    return {name: _differs(suite) for name, suite in SUITES.items()} | more
+
+
+def _studies() -> dict[str, str]:
+    from vse_gym.evaluation import STUDIES, study_names
+
+    return {name: _head_sentence(STUDIES / f"{name}.toml") for name in study_names()}
 
 
 @app.command()
@@ -101,7 +124,10 @@ def run(
     amplitude_deg: Annotated[float | None, typer.Option(help="Of the hand wheel, where there is one [deg].")] = None,
     plant: Annotated[str, typer.Option(help="double_track, or commonroad_mb: CommonRoad's car.")] = "double_track",
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
-    plot: Annotated[Path | None, typer.Option(help="Draw the drive into this file (.png, .svg, .pdf).")] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Draw the drive into this file: .png, .svg, .pdf or another that matplotlib writes."),
+    ] = None,
 ) -> None:
     """Drive once and say how it went; with --plot, draw it.
 
@@ -132,7 +158,9 @@ def run(
         table.add_row(escape(c.name), f"{c.figure:.2f} {c.unit}", f"{sign} {c.limit:g} {c.unit}: {word}")
     table.add_section()
     for name, metric in metrics.METRICS.items():
-        table.add_row(name, f"{metric(log):.2f}", "")
+        words, unit = _in_words(name)
+        figure = metric(log)
+        table.add_row(words, f"{figure:.2f} {unit}" if unit else "yes" if figure else "no", "")
     screen.print(table)
     screen.print(f"verdict: {mark(verdict.passed, 'passed', 'failed')}")
     if plot is not None:
@@ -146,6 +174,13 @@ def run(
         except (ValueError, OSError) as error:
             raise refuse(error) from None
         screen.print(f"drawn: {escape(str(plot))}")
+
+
+def _in_words(metric: str) -> tuple[str, str]:
+    """A metric's name without its unit, and the unit; without one it says yes or no."""
+    units = {"deg": "deg", "kJ": "kJ", "mps": "m/s", "s": "s"}
+    words, _, suffix = metric.rpartition("_")
+    return (words.replace("_", " "), units[suffix]) if suffix in units else (metric.replace("_", " "), "")
 
 
 app.command("bench")(cli_bench.bench)
