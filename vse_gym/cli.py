@@ -2,6 +2,7 @@
 
 import math
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import fields
 from itertools import takewhile
@@ -30,12 +31,19 @@ from vse_gym.registry import Registry
 
 app = typer.Typer(
     name="vse-gym",
-    help="Vehicle state estimation, judged by the drive.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",  # otherwise a paragraph of help keeps the line breaks of the source
 )
+
+
+@app.callback()
+def start() -> None:
+    """Vehicle state estimation, judged by the drive."""
+    # A tunings file may name a class of a file in the current folder; last, so that nothing installed is hidden.
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
 
 
 # The end of a sentence: a full stop before a capital, but none after a short capitalised word, as in "Trans. CSAM".
@@ -114,7 +122,9 @@ def _studies() -> dict[str, str]:
 
 @app.command()
 def run(
-    manoeuvre: Annotated[str, typer.Argument(help="What is driven; `vse-gym list` names all.")],
+    manoeuvre: Annotated[
+        str, typer.Argument(help="What is driven: a name that `vse-gym list` shows, or module:Class.")
+    ],
     estimator: EstimatorName = "ekf",
     controller: ControllerName = "esc",
     vehicle: VehicleName = "qin2014_understeer",
@@ -143,7 +153,7 @@ def run(
     given: dict[str, Any] = {"friction": friction, "speed_kmh": speed_kmh, "amplitude_deg": amplitude_deg}
     with sentences():
         settings = si({k: v for k, v in given.items() if v is not None})
-        drive = scenario(manoeuvre, vehicle, sensors, plant=plant, **settings)
+        drive = scenario(of_kind(manoeuvre, MANOEUVRES), vehicle, sensors, plant=plant, **settings)
         log = rollout(drive, of_kind(estimator, ESTIMATORS), of_kind(controller, CONTROLLERS), seed)
     if not len(log.time):
         raise refuse(RuntimeError(f"the drive never began: {log.ended}"))
@@ -155,7 +165,8 @@ def run(
     for c in verdict.criteria:
         word = mark(c.passed) if c.judged else "for information"
         sign = ">=" if c.at_least else "<="
-        table.add_row(escape(c.name), f"{c.figure:.2f} {c.unit}", f"{sign} {c.limit:g} {c.unit}: {word}")
+        unit = f" {c.unit}".rstrip()
+        table.add_row(escape(c.name), f"{c.figure:.2f}{unit}", f"{sign} {c.limit:g}{unit}: {word}")
     table.add_section()
     for name, metric in metrics.METRICS.items():
         words, unit = _in_words(name)

@@ -84,7 +84,9 @@ def find(target: str) -> Iterator[Any]:
         yield from map(_made, named)
         return
     known = [name for registry in KINDS for name in registry]
-    near = [":".join(target.rsplit(".", 1))] if "." in target else get_close_matches(target, known, 3)
+    module, _, last = target.rpartition(".")
+    dotted = [f"{module}:{'Class' if last == 'py' else last}"] if module.replace(".", "").isidentifier() else []
+    near = dotted or get_close_matches(target, known, 3)
     hint = f"; did you mean {' or '.join(near)}?" if near else ""
     raise TargetError(f"{target!r} is no name that `vse-gym list` shows; write module:Name for one of your own{hint}")
 
@@ -95,7 +97,7 @@ def of_kind(target: str, catalogue: Registry[Any]) -> Any:
     Raises:
         TargetError: If there is no such class, or it is of another kind.
     """
-    if ":" not in target:
+    if not {":", "."} & set(target):
         return target
     thing = next(iter(find(target)))
     try:

@@ -9,7 +9,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from vse_gym.catalogue import CONTROLLERS, ESTIMATORS
+from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
 from vse_gym.cli_check import of_kind
 from vse_gym.cli_screen import (
     ControllerName,
@@ -100,7 +100,9 @@ def _write_series(result: Any, title: str, out: Path) -> None:
 
 
 def entry_speed(
-    manoeuvre: Annotated[str, typer.Argument(help="What is driven; `vse-gym list` names all.")],
+    manoeuvre: Annotated[
+        str, typer.Argument(help="What is driven: a name that `vse-gym list` shows, or module:Class.")
+    ],
     vehicle: VehicleName = "qin2014_understeer",
     estimator: EstimatorName = "ekf",
     controller: ControllerName = "esc",
@@ -130,7 +132,7 @@ def entry_speed(
     ranges = {"low": low * KMH, "high": high * KMH, "tolerance": tolerance * KMH, "scan": scan * KMH}
     with sentences(), bar(f"{manoeuvre}: drives") as progress:
         result = procedures.entry_speed(
-            manoeuvre,
+            of_kind(manoeuvre, MANOEUVRES),
             vehicle,
             of_kind(estimator, ESTIMATORS),
             of_kind(controller, CONTROLLERS),

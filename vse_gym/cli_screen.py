@@ -25,7 +25,7 @@ EstimatorName = Annotated[
         help="What the controller sees the car through: a name that `vse-gym list` shows, or module:Class.",
     ),
 ]
-ControllerName = Annotated[str, typer.Option("--controller", help="Who brakes, likewise; `none`: nobody.")]
+ControllerName = Annotated[str, typer.Option("--controller", help="Who brakes, by such a name; `none`: nobody.")]
 VehicleName = Annotated[str, typer.Option("--vehicle", help="A name, or the path of a TOML file of your own.")]
 SuiteName = Annotated[str, typer.Option("--sensors", help="Sensor suite: how the readings lie.")]
 Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1: all cores.", callback=_processes)]

@@ -238,8 +238,7 @@ def tune(
         later = validation_seeds(study, seeds)
         compared = _compared(again[0], again[finalists.index(best)])
         origin["validation"] = {"first_seed": later.start, "seeds": len(later), "finalists": len(again)} | compared
-    origin["outcome"] = _outcome(origin)
-    return Tuning.of(name, changed(default, best.values), origin)
+    return Tuning.of(name, changed(default, best.values), {"outcome": _outcome(origin)} | origin)
 
 
 def _outcome(origin: Mapping[str, Any]) -> str:
