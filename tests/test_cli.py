@@ -1,5 +1,6 @@
 """The command line as a stranger meets it."""
 
+import re
 import sys
 
 import polars as pl
@@ -49,6 +50,21 @@ def test_list_says_of_a_car_the_head_of_its_file_and_of_a_suite_how_it_differs()
     assert "Too few for a ranking" not in said
     assert "no noise" in said
     assert "0.05 m/s2, 0.1 deg/s; silence rate 0.5" in said
+
+
+@pytest.mark.parametrize("kind", ["estimators", "estimator"])
+def test_list_shows_one_kind_alone_if_asked(kind):
+    result = call("list", kind)
+    assert result.exit_code == 0
+    assert {line.split("│")[1].strip() for line in result.output.splitlines() if "│" in line} <= {"estimator", ""}
+    assert all(f"│ {name[:23]} " in result.output for name in ESTIMATORS)
+
+
+def test_run_says_what_a_drive_cost_in_words_with_units():
+    said = " ".join(call("run", "straight_driving").output.replace("│", " ").split())
+    for row in (r"peak sideslip [\d.]+ deg", "spin no", r"brake energy [\d.]+ kJ", r"speed lost [-\d.]+ m/s"):
+        assert re.search(row, said)
+    assert "_" not in said.partition("limit")[2].partition("verdict")[0].replace("straight_driving", "")
 
 
 def test_ctrl_c_is_a_word_and_its_exit_code(monkeypatch):
@@ -106,6 +122,9 @@ WRONG = [
     (["run", "sine_with_dwell", "--speed-kmh", "-80"], "speed must be positive"),
     (["run", "sine_with_dwell", "--vehicle", "tests"], "known: "),
     (["run", "sine_with_dwell", "--vehicle", "mine.toml"], "the path of a .toml file"),
+    (["list", "cars"], "known: estimators, controllers, manoeuvres, vehicles, sensors, studies"),
+    (["bench", "demo", "--jobs", "0"], "must be at least 1, or -1 for all cores, not 0"),
+    (["bench", "demo", "--tunings", "nothere"], "there is no tunings file or folder nothere"),
     (["drive"], "No such command"),
 ]
 
@@ -114,7 +133,7 @@ WRONG = [
 def test_a_mistake_is_a_sentence_with_the_choices_and_not_a_traceback(words, sentence):
     result = call(*words)
     assert result.exit_code == 2
-    assert sentence in " ".join(result.output.split())
+    assert sentence in " ".join(result.output.replace("│", " ").split())
 
 
 def test_bench_prints_its_tables_and_writes_its_folder(tmp_path):

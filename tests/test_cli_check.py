@@ -15,6 +15,7 @@ runner = CliRunner()
 HONEST = """
 import numpy as np
 from vse_gym import Estimate, Estimator
+from vse_gym.manoeuvres.straight_driving import StraightDriving as _Straight
 
 class NeverSlides(Estimator):
     def init(self, nominal, rng):
@@ -54,6 +55,9 @@ class Duck:
 def factory():
     return NeverSlides()
 
+class Straight(_Straight):
+    pass
+
 ready = NeverSlides()
 SIZE = 500
 """
@@ -73,8 +77,8 @@ def mine(tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
-def call(*words):
-    result = runner.invoke(app, ["check", *words], catch_exceptions=False)
+def call(*words, command="check"):
+    result = runner.invoke(app, [command, *words], catch_exceptions=False)
     return result.exit_code, " ".join(result.output.replace("│", " ").split())
 
 
@@ -121,8 +125,12 @@ WRONG = {
     "mine:Greedy": "name a function without arguments",
     "mine:Duck": "derives neither from Estimator nor from Controller nor from Manoeuvre",
     "mine:SIZE": "neither an Estimator nor a Controller nor a Manoeuvre: 500",
-    "mine:Nothing": "it has BelievesSilence, Duck",
+    "mine:Nothing": "it has BelievesSilence, Greedy, LosesItsWay, NeverSlides, Straight, factory, ready",
+    "./mine:NeverSlides": "./mine is a path: write mine:NeverSlides",
+    "deep/er/mine.py:X": "deep/er/mine.py is a path: write deep.er.mine:X",
+    "../mine.py:X": "call the command in .. and write mine:X",
     "mine.NeverSlides": "did you mean mine:NeverSlides?",
+    "mine.py": "did you mean mine:Class?",
     "mine.py:NeverSlides": "write mine:NeverSlides",
     "theirs:NeverSlides": "there is no module 'theirs'",
     "theirs.deeper:NeverSlides": "there is no module 'theirs'",
@@ -140,6 +148,35 @@ def test_what_cannot_be_checked_is_a_sentence_with_exit_code_2(target):
     assert code == 2
     assert WRONG[target] in said
     assert "Traceback" not in said
+
+
+RANGE = ("--low", "50", "--high", "60", "--scan", "10", "--tolerance", "10")
+
+
+@pytest.mark.parametrize(
+    "words", [("run", "mine:Straight"), ("entry-speed", "mine:Straight", *RANGE)], ids=["run", "entry-speed"]
+)
+def test_a_filter_and_a_manoeuvre_of_one_s_own_drive_wherever_those_of_the_catalogue_do(words):
+    command, *rest = words
+    assert call(*rest, "--estimator", "mine:NeverSlides", command=command)[0] == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("run", "straight_driving"), ("entry-speed", "straight_driving"), ("fmvss126",)],
+    ids=["run", "entry-speed", "fmvss126"],
+)
+def test_what_is_no_estimator_or_cannot_be_found_is_a_sentence_everywhere(words):
+    command, *rest = words
+    for option, target, sentence in (
+        ("--estimator", "mine:Nothing", "mine has no 'Nothing'; it has BelievesSilence"),
+        ("--estimator", "mine.NeverSlides", "did you mean mine:NeverSlides?"),
+        ("--estimator", "theirs:X", "there is no module 'theirs'"),
+        ("--controller", "mine:NeverSlides", "mine:NeverSlides makes a NeverSlides, which is no controller"),
+    ):
+        code, said = call(*rest, option, target, command=command)
+        assert code == 2
+        assert sentence in said
 
 
 def test_as_a_program_it_finds_the_current_folder_and_stops_at_ctrl_c(mine):

@@ -120,7 +120,7 @@ WRONG = [
     (["fmvss126", "--estimator", "ekff"], "known: truth"),
     (["fmvss126", "--controller", "abs"], "known: none"),
     (["fmvss126", "--sensors", "best"], "known: clean"),
-    (["fmvss126", "--jobs", "0"], "n_jobs == 0"),
+    (["fmvss126", "--jobs", "0"], "must be at least 1, or -1 for all cores, not 0"),
     (["fmvss126", "--out", "/dev/null/folder"], "/dev/null"),
     (["entry-speed", "sine"], "known: sine_with_dwell"),
     (["entry-speed", "straight_driving", "--amplitude-deg", "3"], "amplitude"),

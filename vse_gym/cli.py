@@ -2,6 +2,8 @@
 
 import math
 import re
+import sys
+from collections.abc import Callable
 from dataclasses import fields
 from itertools import takewhile
 from pathlib import Path
@@ -13,6 +15,7 @@ from rich.table import Column, Table
 
 from vse_gym import cli_bench, cli_check, cli_compare, cli_procedures, cli_tune
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
+from vse_gym.cli_check import of_kind
 from vse_gym.cli_screen import (
     ControllerName,
     EstimatorName,
@@ -28,12 +31,19 @@ from vse_gym.registry import Registry
 
 app = typer.Typer(
     name="vse-gym",
-    help="Vehicle state estimation, judged by the drive.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",  # otherwise a paragraph of help keeps the line breaks of the source
 )
+
+
+@app.callback()
+def start() -> None:
+    """Vehicle state estimation, judged by the drive."""
+    # A tunings file may name a class of a file in the current folder; last, so that nothing installed is hidden.
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
 
 
 # The end of a sentence: a full stop before a capital, but none after a short capitalised word, as in "Trans. CSAM".
@@ -63,34 +73,58 @@ def _differs(suite: Any) -> str:
 
 
 @app.command("list")
-def list_names() -> None:
+def list_names(
+    kind: Annotated[str | None, typer.Argument(help="Of one kind alone, such as `estimators`.")] = None,
+) -> None:
     """Everything that has a name: estimators, controllers, manoeuvres, vehicles, sensor suites, studies."""
+    kinds: dict[str, Callable[[], dict[str, str]]] = {
+        "estimator": lambda: _registered(ESTIMATORS),
+        "controller": lambda: _registered(CONTROLLERS),
+        "manoeuvre": lambda: _registered(MANOEUVRES),
+        "vehicle": _vehicles,
+        "sensors": _suites,
+        "study": _studies,
+    }
+    plurals = {name: {"study": "studies"}.get(name, name.removesuffix("s") + "s") for name in kinds}
+    shown = [name for name in kinds if kind in (None, name, plurals[name])]
+    if not shown:
+        raise refuse(ValueError(f"nothing is of the kind {kind!r}; known: {', '.join(plurals.values())}"))
+    table = Table("kind", "name", Column("what it is", overflow="fold"))
+    for one in shown:
+        for name, what in kinds[one]().items():
+            table.add_row(one, name, escape(what))
+        table.add_section()
+    screen.print(table)
+
+
+def _registered(registry: Registry[Any]) -> dict[str, str]:
+    return {name: first_sentence(registry[name]) for name in registry}
+
+
+def _vehicles() -> dict[str, str]:
     from vse_gym import vehicles
-    from vse_gym.evaluation import STUDIES, study_names
+
+    return {name: _head_sentence(vehicles.FOLDER / f"{name}.toml") for name in vehicles.names()}
+
+
+def _suites() -> dict[str, str]:
     from vse_gym.sensors import EXTRAS, SUITES
 
-    kinds: dict[str, Registry[Any]] = {"estimator": ESTIMATORS, "controller": CONTROLLERS, "manoeuvre": MANOEUVRES}
-    table = Table("kind", "name", Column("what it is", overflow="fold"))
-    for kind, registry in kinds.items():
-        for name in registry:
-            table.add_row(kind, name, escape(first_sentence(registry[name])))
-        table.add_section()
-    for name in vehicles.names():
-        table.add_row("vehicle", name, escape(_head_sentence(vehicles.FOLDER / f"{name}.toml")))
-    table.add_section()
-    for name, suite in SUITES.items():
-        table.add_row("sensors", name, _differs(suite))
-    for extra in EXTRAS:
-        table.add_row("sensors", f"<any of these>+{extra}", f"the same with the sensor '{extra}' on board")
-    table.add_section()
-    for name in study_names():
-        table.add_row("study", name, escape(_head_sentence(STUDIES / f"{name}.toml")))
-    screen.print(table)
+    more = {f"<any of these>+{extra}": f"the same with the sensor '{extra}' on board" for extra in EXTRAS}
+    return {name: _differs(suite) for name, suite in SUITES.items()} | more
+
+
+def _studies() -> dict[str, str]:
+    from vse_gym.evaluation import STUDIES, study_names
+
+    return {name: _head_sentence(STUDIES / f"{name}.toml") for name in study_names()}
 
 
 @app.command()
 def run(
-    manoeuvre: Annotated[str, typer.Argument(help="What is driven; `vse-gym list` names all.")],
+    manoeuvre: Annotated[
+        str, typer.Argument(help="What is driven: a name that `vse-gym list` shows, or module:Class.")
+    ],
     estimator: EstimatorName = "ekf",
     controller: ControllerName = "esc",
     vehicle: VehicleName = "qin2014_understeer",
@@ -100,7 +134,10 @@ def run(
     amplitude_deg: Annotated[float | None, typer.Option(help="Of the hand wheel, where there is one [deg].")] = None,
     plant: Annotated[str, typer.Option(help="double_track, or commonroad_mb: CommonRoad's car.")] = "double_track",
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
-    plot: Annotated[Path | None, typer.Option(help="Draw the drive into this file (.png, .svg, .pdf).")] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Draw the drive into this file: .png, .svg, .pdf or another that matplotlib writes."),
+    ] = None,
 ) -> None:
     """Drive once and say how it went; with --plot, draw it.
 
@@ -116,8 +153,8 @@ def run(
     given: dict[str, Any] = {"friction": friction, "speed_kmh": speed_kmh, "amplitude_deg": amplitude_deg}
     with sentences():
         settings = si({k: v for k, v in given.items() if v is not None})
-        drive = scenario(manoeuvre, vehicle, sensors, plant=plant, **settings)
-        log = rollout(drive, estimator, controller, seed)
+        drive = scenario(of_kind(manoeuvre, MANOEUVRES), vehicle, sensors, plant=plant, **settings)
+        log = rollout(drive, of_kind(estimator, ESTIMATORS), of_kind(controller, CONTROLLERS), seed)
     if not len(log.time):
         raise refuse(RuntimeError(f"the drive never began: {log.ended}"))
     verdict = drive.manoeuvre.judge(log, drive.nominal)
@@ -128,10 +165,13 @@ def run(
     for c in verdict.criteria:
         word = mark(c.passed) if c.judged else "for information"
         sign = ">=" if c.at_least else "<="
-        table.add_row(escape(c.name), f"{c.figure:.2f} {c.unit}", f"{sign} {c.limit:g} {c.unit}: {word}")
+        unit = f" {c.unit}".rstrip()
+        table.add_row(escape(c.name), f"{c.figure:.2f}{unit}", f"{sign} {c.limit:g}{unit}: {word}")
     table.add_section()
     for name, metric in metrics.METRICS.items():
-        table.add_row(name, f"{metric(log):.2f}", "")
+        words, unit = _in_words(name)
+        figure = metric(log)
+        table.add_row(words, f"{figure:.2f} {unit}" if unit else "yes" if figure else "no", "")
     screen.print(table)
     screen.print(f"verdict: {mark(verdict.passed, 'passed', 'failed')}")
     if plot is not None:
@@ -145,6 +185,13 @@ def run(
         except (ValueError, OSError) as error:
             raise refuse(error) from None
         screen.print(f"drawn: {escape(str(plot))}")
+
+
+def _in_words(metric: str) -> tuple[str, str]:
+    """A metric's name without its unit, and the unit; without one it says yes or no."""
+    units = {"deg": "deg", "kJ": "kJ", "mps": "m/s", "s": "s"}
+    words, _, suffix = metric.rpartition("_")
+    return (words.replace("_", " "), units[suffix]) if suffix in units else (metric.replace("_", " "), "")
 
 
 app.command("bench")(cli_bench.bench)

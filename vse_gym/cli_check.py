@@ -5,7 +5,7 @@ import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
-from inspect import isabstract
+from inspect import isabstract, isfunction
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,12 +16,13 @@ from rich.table import Table
 
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
 from vse_gym.cli_screen import first_sentence, mark, refuse, screen
+from vse_gym.registry import Registry
 
 KINDS = (ESTIMATORS, CONTROLLERS, MANOEUVRES)
 
 
-class TargetError(Exception):
-    """What was to be checked cannot be had; the message says why and what to do."""
+class TargetError(ValueError):
+    """What was named cannot be had; the message says why and what to do."""
 
 
 def check(
@@ -83,14 +84,31 @@ def find(target: str) -> Iterator[Any]:
         yield from map(_made, named)
         return
     known = [name for registry in KINDS for name in registry]
-    near = [":".join(target.rsplit(".", 1))] if "." in target else get_close_matches(target, known, 3)
+    module, _, last = target.rpartition(".")
+    dotted = [f"{module}:{'Class' if last == 'py' else last}"] if module.replace(".", "").isidentifier() else []
+    near = dotted or get_close_matches(target, known, 3)
     hint = f"; did you mean {' or '.join(near)}?" if near else ""
     raise TargetError(f"{target!r} is no name that `vse-gym list` shows; write module:Name for one of your own{hint}")
 
 
+def of_kind(target: str, catalogue: Registry[Any]) -> Any:
+    """A name of the catalogue as it is, module:Class as an instance.
+
+    Raises:
+        TargetError: If there is no such class, or it is of another kind.
+    """
+    if not {":", "."} & set(target):
+        return target
+    thing = next(iter(find(target)))
+    try:
+        return catalogue.make(thing)
+    except TypeError:
+        raise TargetError(f"{target} makes a {type(thing).__name__}, which is no {catalogue.kind}") from None
+
+
 def _from_module(module: str, name: str) -> Any:
     if module.endswith(".py") or "/" in module:
-        raise TargetError(f"{module} is a path: write {module.removesuffix('.py').replace('/', '.')}:{name}")
+        raise TargetError(f"{module} is a path: {_instead(Path(module.removesuffix('.py')), name)}")
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.insert(0, here)
     try:
@@ -103,19 +121,42 @@ def _from_module(module: str, name: str) -> Any:
         raise TargetError(f"{module} cannot be imported: it {_raised(error)}") from error
     for part in name.split("."):
         if not hasattr(thing, part):
-            public = ", ".join(sorted(n for n, v in vars(thing).items() if callable(v) and not n.startswith("_")))
-            raise TargetError(f"{module} has no {name!r}; it has {public or 'nothing that could be checked'}")
+            has = ", ".join(_usable(thing, module)) or "no estimator, controller or manoeuvre"
+            raise TargetError(f"{module} has no {name!r}; it has {has}")
         thing = getattr(thing, part)
     return _made(thing)
 
 
-def _made(thing: Any) -> Any:
-    """An instance: the thing itself, or what a class or a factory makes without arguments."""
+def _instead(path: Path, name: str) -> str:
+    if path.is_absolute() or ".." in path.parts:
+        return f"call the command in {path.parent} and write {path.name}:{name}"
+    return f"write {'.'.join(path.parts)}:{name}"
+
+
+def _usable(thing: Any, module: str) -> list[str]:
+    """Names of a module, or of a class, that stand for an estimator, a controller or a manoeuvre, or may make one."""
+    found = []
+    for name, value in vars(thing).items():
+        if isinstance(value, type):
+            usable = issubclass(value, _bases()) and not isabstract(value)
+        else:
+            usable = isinstance(value, _bases()) or (isfunction(value) and value.__module__ == module)
+        if usable and not name.startswith("_"):
+            found.append(name)
+    return sorted(found)
+
+
+def _bases() -> tuple[type, ...]:
     from vse_gym.controllers.base import Controller
     from vse_gym.estimators.base import Estimator
     from vse_gym.manoeuvres.base import Manoeuvre
 
-    bases = (Estimator, Controller, Manoeuvre)
+    return Estimator, Controller, Manoeuvre
+
+
+def _made(thing: Any) -> Any:
+    """An instance: the thing itself, or what a class or a factory makes without arguments."""
+    bases = _bases()
     if isinstance(thing, type) and not issubclass(thing, bases):
         raise TargetError(f"{thing.__name__} derives neither from Estimator nor from Controller nor from Manoeuvre")
     if isabstract(thing):

@@ -9,6 +9,8 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
+from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
+from vse_gym.cli_check import of_kind
 from vse_gym.cli_screen import (
     ControllerName,
     EstimatorName,
@@ -43,10 +45,11 @@ def fmvss126(
 
     title = f"FMVSS 126, {vehicle}, {controller} with {estimator}, {sensors} sensors, seed {seed}"
     with sentences():
+        eyes, law = of_kind(estimator, ESTIMATORS), of_kind(controller, CONTROLLERS)
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
         with bar("sines with dwell") as progress:
-            result = procedures.fmvss126(vehicle, estimator, controller, sensors, seed, jobs, progress)
+            result = procedures.fmvss126(vehicle, eyes, law, sensors, seed, jobs, progress)
         screen.print(_series_table(result, title))
         screen.print(
             f"A = {result.steer_at_0_3g / DEG:.1f} deg of hand wheel, mean of left and right, one drive each "
@@ -97,7 +100,9 @@ def _write_series(result: Any, title: str, out: Path) -> None:
 
 
 def entry_speed(
-    manoeuvre: Annotated[str, typer.Argument(help="What is driven; `vse-gym list` names all.")],
+    manoeuvre: Annotated[
+        str, typer.Argument(help="What is driven: a name that `vse-gym list` shows, or module:Class.")
+    ],
     vehicle: VehicleName = "qin2014_understeer",
     estimator: EstimatorName = "ekf",
     controller: ControllerName = "esc",
@@ -127,10 +132,10 @@ def entry_speed(
     ranges = {"low": low * KMH, "high": high * KMH, "tolerance": tolerance * KMH, "scan": scan * KMH}
     with sentences(), bar(f"{manoeuvre}: drives") as progress:
         result = procedures.entry_speed(
-            manoeuvre,
+            of_kind(manoeuvre, MANOEUVRES),
             vehicle,
-            estimator,
-            controller,
+            of_kind(estimator, ESTIMATORS),
+            of_kind(controller, CONTROLLERS),
             sensors,
             **ranges,
             seeds=range(seeds),

@@ -11,13 +11,24 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 screen = Console()
 
+
+def _processes(jobs: int) -> int:
+    if jobs < 1 and jobs != -1:
+        raise typer.BadParameter(f"must be at least 1, or -1 for all cores, not {jobs}")
+    return jobs
+
+
 EstimatorName = Annotated[
-    str, typer.Option("--estimator", help="What the controller sees the car through; `vse-gym list` names all.")
+    str,
+    typer.Option(
+        "--estimator",
+        help="What the controller sees the car through: a name that `vse-gym list` shows, or module:Class.",
+    ),
 ]
-ControllerName = Annotated[str, typer.Option("--controller", help="Who brakes; `none`: nobody.")]
+ControllerName = Annotated[str, typer.Option("--controller", help="Who brakes, by such a name; `none`: nobody.")]
 VehicleName = Annotated[str, typer.Option("--vehicle", help="A name, or the path of a TOML file of your own.")]
 SuiteName = Annotated[str, typer.Option("--sensors", help="Sensor suite: how the readings lie.")]
-Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1: all cores.")]
+Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1: all cores.", callback=_processes)]
 
 
 def refuse(error: Exception) -> typer.Exit:

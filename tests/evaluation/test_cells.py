@@ -114,5 +114,5 @@ def test_a_cell_s_own_ranges_take_the_place_of_the_study_s_and_leave_the_rest():
 
 
 def test_a_range_that_does_not_exist_is_refused_with_those_that_do():
-    with pytest.raises(TypeError, match=r"cannot randomise tilt; known: speed, .*gravity_shift"):
+    with pytest.raises(TypeError, match=r"cannot randomise tilt_deg; known: speed, .*gravity_shift"):
         replace(CELL, randomise={"tilt_deg": 3.0})

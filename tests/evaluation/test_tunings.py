@@ -90,7 +90,8 @@ BAD_FILES = {
     ),
     "truth for a number": ("estimator = 'kinematic'\n[settings]\nleak = true", TypeError, "'leak' must be of the kind"),
     "impossible": ("estimator = 'pf'\n[settings]\nsize = 1", ValueError, "size must be at least 2"),
-    "no settings": ("estimator = 'ekf'", ValueError, r"has estimator, \[settings\] and \[origin\], not estimator"),
+    "no settings": ("estimator = 'ekf'", ValueError, r"\[settings\] and \[origin\]; this one has estimator"),
+    "empty": ("", ValueError, "this one has nothing"),
     "more": ("estimator = 'ekf'\ncolour = 1\n[settings]", ValueError, "colour"),
     "no TOML": ("estimator: ekf", ValueError, "line 1"),
 }
@@ -119,6 +120,15 @@ def test_a_file_that_names_few_settings_leaves_the_others_as_they_are(tmp_path):
     assert Tuning.load(path).make() == ExtendedKalmanFilter(SingleTrackTuning(ay_error=2.0), gate=Gate(0.99))
 
 
+def test_a_filter_of_one_s_own_is_named_by_its_module_and_class(tmp_path):
+    name = "vse_gym.estimators.kinematic:KinematicObserver"
+    Tuning(name, {"leak": 1.5}).save(tmp_path / "mine.toml")
+    assert Tuning.load(tmp_path / "mine.toml").make() == KinematicObserver(leak=1.5)
+    for wrong in ("no_such_module:X", "vse_gym.estimators.kinematic:X"):
+        with pytest.raises(ValueError, match=f"estimator '{wrong}' cannot be had"):
+            Tuning(wrong, {})
+
+
 def test_a_folder_gives_each_estimator_its_tuning(tmp_path):
     for name, values in (("ekf", {"model.ay_error": 2.0}), ("kinematic", {"leak": 1.0})):
         Tuning(name, values).save(tmp_path / "deep" / f"{name}.toml")
@@ -138,7 +148,7 @@ def test_a_folder_without_tunings_or_with_two_of_one_estimator_is_refused(tmp_pa
         Tuning("ekf", {}).save(tmp_path / file)
     with pytest.raises(ValueError, match="two tunings files of 'ekf'"):
         load_folder(tmp_path)
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileNotFoundError, match="there is no tunings file or folder "):
         load_folder(tmp_path / "nowhere.toml")
 
 

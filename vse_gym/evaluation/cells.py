@@ -1,21 +1,27 @@
 """One drive of a study, and how it is drawn anew for every seed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from vse_gym.catalogue import CONTROLLERS, MANOEUVRES
+from vse_gym.evaluation.schema import check, kinds_of
 from vse_gym.manoeuvres.base import si
 from vse_gym.models import Nominal
 from vse_gym.physics.parameters import PerWheel, Vehicle
+from vse_gym.registry import UnknownNameError
 from vse_gym.sensors import stream, suite
-from vse_gym.simulation import Scenario, fitting_integrator
+from vse_gym.simulation import PLANTS, Scenario, fitting_integrator
 from vse_gym.vehicles import load
 
 
 @dataclass(frozen=True)
 class Randomise:
-    """How a cell is drawn for each seed; nothing of it is told to estimators."""
+    """How a cell is drawn for each seed; nothing of it is told to estimators.
+
+    Raises:
+        ValueError: If a range is negative or reversed.
+    """
 
     speed: float = 0.0  # +/- [m/s]
     steer: float = 0.0  # +/- of the hand wheel's amplitude, relative; if not zero the sides take turns [-]
@@ -28,16 +34,22 @@ class Randomise:
     bank: float = 0.0  # +/- [rad]
     gravity_shift: float = 0.0  # +/- of the centre of gravity, positive rearwards, the axles where they are [m]
 
+    def __post_init__(self) -> None:
+        for name, value in ((f.name, getattr(self, f.name)) for f in fields(self)):
+            if isinstance(value, tuple) and not 0 < value[0] <= value[1]:
+                raise ValueError(f"{name} must be two positive numbers, the lower first, not {list(value)}")
+            if not isinstance(value, tuple) and not value >= 0:
+                raise ValueError(f"{name} is drawn to both sides and must not be negative, not {value}")
+
     def with_changes(self, table: Mapping[str, Any]) -> "Randomise":
         """These ranges but for those that a table of a study's file names, SI or with a unit's suffix.
 
         Raises:
-            TypeError: If there is no such range; the message names those that exist.
+            TypeError: If there is no such range, or it is of another kind; the message says what there is.
+            ValueError: If a range is negative or reversed.
         """
+        check(table, kinds_of(Randomise), refusal="cannot randomise", units=True)
         changes: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in si(table).items()}
-        known = [f.name for f in fields(self)]
-        if wrong := sorted(changes.keys() - set(known)):
-            raise TypeError(f"cannot randomise {', '.join(wrong)}; known: {', '.join(known)}")
         return replace(self, **changes)
 
 
@@ -62,6 +74,11 @@ class Cell:
     def __post_init__(self) -> None:
         Randomise().with_changes(self.randomise)
         CONTROLLERS[self.controller], suite(self.sensors), load(self.vehicle)
+        if self.plant not in PLANTS:
+            raise UnknownNameError(f"no plant named {self.plant!r}; known: {', '.join(PLANTS)}")
+        kind = MANOEUVRES[self.manoeuvre]
+        if is_dataclass(kind):
+            check(self.settings, kinds_of(kind), refusal=f"manoeuvre {self.manoeuvre!r} has no setting", units=True)
         MANOEUVRES.make(self.manoeuvre, **si(self.settings))
 
     def scenario(self, randomise: Randomise, seed: int) -> Scenario:

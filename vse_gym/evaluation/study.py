@@ -1,11 +1,15 @@
 """Studies: cells, how they are drawn, and who is judged; as their TOML files say it."""
 
 import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from vse_gym.evaluation.cells import Cell, Randomise
 from vse_gym.evaluation.contenders import digest
+from vse_gym.evaluation.schema import check, kinds_of, needed_of
 from vse_gym.registry import UnknownNameError
 from vse_gym.vehicles import load
 
@@ -49,17 +53,42 @@ class Study:
 
         Raises:
             UnknownNameError: If there is no such study; the message names those that exist.
-            ValueError, TypeError: If the file says something that a study does not know.
+            ValueError, TypeError: If the file says something that a study does not know; the message names the file.
         """
         path = Path(name) if str(name).endswith(".toml") else STUDIES / f"{name}.toml"
         if not path.is_file():
             known = ", ".join(study_names())
             raise UnknownNameError(f"no study named {str(name)!r}; known: {known}, or the path of a .toml file")
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-        draw = Randomise().with_changes(table.pop("randomise", {}))
-        cells = tuple(Cell(**cell) for cell in table.pop("cell", ()))
-        estimators = tuple(table.pop("estimators", ()))
-        return cls(path.stem, cells=cells, estimators=estimators, randomise=draw, **table)
+        with _inside(str(path)):
+            table = tomllib.loads(path.read_text(encoding="utf-8"))
+            check(table, _kinds(), ["version"], "a study has no")
+            with _inside("randomise"):
+                draw = Randomise().with_changes(table.pop("randomise", {}))
+            cells = tuple(_cell(written, number) for number, written in enumerate(table.pop("cell", ()), 1))
+            estimators = tuple(table.pop("estimators", ()))
+            return cls(path.stem, cells=cells, estimators=estimators, randomise=draw, **table)
+
+
+def _kinds() -> dict[str, Any]:
+    """What the top of a study's file may say."""
+    kinds = {name: kind for name, kind in kinds_of(Study).items() if name not in ("name", "cells")}
+    return kinds | {"randomise": Mapping[str, Any], "cell": tuple[Mapping[str, Any], ...]}
+
+
+def _cell(written: Mapping[str, Any], number: int) -> Cell:
+    with _inside(f"cell {written.get('name', number)!r}"):
+        check(written, kinds_of(Cell), needed_of(Cell), "a cell has no")
+        return Cell(**written)
+
+
+@contextmanager
+def _inside(where: str) -> Iterator[None]:
+    """Whatever is wrong there says where."""
+    try:
+        yield
+    except (UnknownNameError, TypeError, ValueError) as error:
+        kind = type(error) if isinstance(error, UnknownNameError | TypeError) else ValueError
+        raise kind(f"{where}: {error}") from None
 
 
 def _studies_folder() -> Path:

@@ -11,12 +11,11 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from vse_gym import metrics
-from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.base import Estimator
 from vse_gym.evaluation.drawn import Drawn, draw
 from vse_gym.evaluation.provenance import commit, package_version
 from vse_gym.evaluation.study import Study
-from vse_gym.evaluation.tunings import Tuning, changed, ranges
+from vse_gym.evaluation.tunings import Tuning, changed, default_of, ranges
 from vse_gym.simulation import rollout
 
 TRAINING = "training-v2"
@@ -45,13 +44,13 @@ class Score(NamedTuple):
     high: float
 
 
-def score_of(regrets: Sequence[float]) -> Score:
-    """The score of one mean regret per seed, (n,)."""
+def score_of(regrets: Sequence[float], least: float = -math.inf) -> Score:
+    """The score of one mean regret per seed, (n,); the interval ends where the figure cannot be less."""
     from scipy.stats import t
 
     mean, n = float(np.mean(regrets)), len(regrets)
     half = float(t.ppf(0.975, n - 1) * np.std(regrets, ddof=1)) / math.sqrt(n) if n > 1 else math.inf
-    return Score(mean, mean - half, mean + half)
+    return Score(mean, max(mean - half, least), mean + half)
 
 
 # -- drives -----------------------------------------------------------------------------------------------------------
@@ -146,6 +145,28 @@ def search(
     return trials, True
 
 
+def prepared(
+    name: str, budget: int, study: Study | str = TRAINING, seeds: int | None = None
+) -> tuple[Estimator, Study, int]:
+    """The estimator with its default settings, the study and its seeds, if they can be searched.
+
+    Raises:
+        UnknownNameError: If there is no such estimator or study.
+        ValueError: If nothing of it can be tuned, the budget is none, or the study's seeds are those of tables.
+    """
+    study = Study.load(study) if isinstance(study, str) else study
+    seeds = study.seeds if seeds is None else seeds
+    default = default_of(name)
+    if not ranges(default):
+        raise ValueError(f"estimator {name!r} has nothing to tune: no field of it was made by `tunable`")
+    if budget < 1 or seeds < 1:
+        raise ValueError(f"budget and seeds must be at least 1, not {budget} and {seeds}")
+    if study.first_seed < FIRST_SEED:
+        reported = f"its seeds begin at {study.first_seed}, and those below {FIRST_SEED} are for tables"
+        raise ValueError(f"study {study.name!r} is not for tuning: {reported}")
+    return default, study, seeds
+
+
 def tune(
     name: str,
     budget: int,
@@ -161,7 +182,7 @@ def tune(
     are nearly honest, the search's own are not.
 
     Args:
-        name: Of the estimator in the catalogue.
+        name: Of the estimator in the catalogue, or module:Class.
         budget: Trials, the default's among them.
         study: Cells and seeds, from 1000 on, which no table reports.
         seeds: Of the search; None: the study's own.
@@ -170,22 +191,13 @@ def tune(
         progress: As :func:`search` has it.
 
     Raises:
-        UnknownNameError: If there is no such estimator or study.
-        ValueError: If nothing of it can be tuned, the budget is none, or the study's seeds are those of tables.
+        UnknownNameError, ValueError: As :func:`prepared`.
         KeyboardInterrupt: If stopped before the default itself was driven; later there is a best so far.
         ModuleNotFoundError: If optuna is missing.
     """
-    named, study = (study, Study.load(study)) if isinstance(study, str) else (study.name, study)
-    seeds = study.seeds if seeds is None else seeds
-    default = ESTIMATORS.make(name)
+    named = study if isinstance(study, str) else study.name
+    default, study, seeds = prepared(name, budget, study, seeds)
     limits = ranges(default)
-    if not limits:
-        raise ValueError(f"estimator {name!r} has nothing to tune: no field of it was made by `tunable`")
-    if budget < 1 or seeds < 1:
-        raise ValueError(f"budget and seeds must be at least 1, not {budget} and {seeds}")
-    if study.first_seed < FIRST_SEED:
-        reported = f"its seeds begin at {study.first_seed}, and those below {FIRST_SEED} are for tables"
-        raise ValueError(f"study {study.name!r} is not for tuning: {reported}")
     start = {setting: float(attrgetter(setting)(default)) for setting in limits}
     with Parallel(n_jobs=jobs) as work:
         drives = Drives(study, work)
@@ -227,7 +239,17 @@ def tune(
         later = validation_seeds(study, seeds)
         compared = _compared(again[0], again[finalists.index(best)])
         origin["validation"] = {"first_seed": later.start, "seeds": len(later), "finalists": len(again)} | compared
-    return Tuning.of(name, changed(default, best.values), origin)
+    return Tuning.of(name, changed(default, best.values), {"outcome": _outcome(origin)} | origin)
+
+
+def _outcome(origin: Mapping[str, Any]) -> str:
+    """What came of the search, in words."""
+    if origin["interrupted"]:
+        return "stopped early: this is the best so far, not driven again on later seeds"
+    difference = origin["validation"]["difference"]
+    if difference["mean"] == 0:
+        return "nothing better than the default was found"
+    return "better than the default" if difference["high"] < 0 else "not clearly better than the default"
 
 
 def _again(
@@ -248,5 +270,6 @@ def _again(
 def _compared(default: Sequence[float], tuned: Sequence[float]) -> dict[str, Any]:
     """Scores of both, and of their paired difference."""
     pairs = [a - b for a, b in zip(tuned, default, strict=True)]
-    scores = {"default": score_of(default), "tuned": score_of(tuned), "difference": score_of(pairs)}
+    alone = {"default": score_of(default, 0.0), "tuned": score_of(tuned, 0.0)}  # regret is not negative
+    scores = alone | {"difference": score_of(pairs)}
     return {name: score._asdict() for name, score in scores.items()}

@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from vse_gym.catalogue import ESTIMATORS
@@ -17,14 +18,14 @@ Plain = bool | int | float | str
 
 @dataclass(frozen=True)
 class Tuning:
-    """An estimator of the catalogue with settings of its own.
+    """An estimator with settings of its own.
 
     Raises:
         UnknownNameError: If there is no such estimator.
         TypeError, ValueError: If it has no such setting, or a value cannot be.
     """
 
-    estimator: str  # its name in the catalogue
+    estimator: str  # its name in the catalogue, or module:Class
     settings: Mapping[str, Plain]  # by dotted names, as "model.vx_noise"; what is not named is the default
     origin: Mapping[str, Any] = field(default_factory=dict)  # how it was found; may nest
 
@@ -45,7 +46,7 @@ class Tuning:
 
     def make(self) -> Estimator:
         """The estimator."""
-        made: Estimator = changed(ESTIMATORS.make(self.estimator), self.settings)
+        made: Estimator = changed(default_of(self.estimator), self.settings)
         return made
 
     @property
@@ -69,32 +70,59 @@ class Tuning:
         try:
             table = tomllib.loads(path.read_text(encoding="utf-8"))
             if table.keys() - {"origin"} != {"estimator", "settings"}:
-                raise ValueError(f"a tunings file has estimator, [settings] and [origin], not {', '.join(table)}")
+                has = ", ".join(table) or "nothing"
+                raise ValueError(f"a tunings file has estimator, [settings] and [origin]; this one has {has}")
             return cls(table["estimator"], _flat(table["settings"]), table.get("origin", {}))
         except (UnknownNameError, TypeError, ValueError) as error:
             kind = type(error) if isinstance(error, UnknownNameError | TypeError) else ValueError
             raise kind(f"{path}: {error}") from None
 
-    def save(self, path: str | Path) -> None:
-        """Write the file that :meth:`load` reads, at once or not at all; numbers read back bit by bit."""
+    @property
+    def text(self) -> str:
+        """The file that :meth:`load` reads; numbers read back bit by bit."""
         lines = [f"estimator = {_word(self.estimator)}"]
         for head, table in (("settings", self.settings), ("origin", _flat(self.origin))):
             lines += ["", f"[{head}]", *(f"{name} = {_word(value)}" for name, value in table.items())]
+        return "\n".join(lines) + "\n"
+
+    def save(self, path: str | Path) -> None:
+        """Write the file, at once or not at all."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = path.with_name(path.name + ".part")
-        draft.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        draft.write_text(self.text, encoding="utf-8")
         draft.replace(path)
+
+
+def default_of(name: str) -> Estimator:
+    """An estimator as it is without settings, by its name in the catalogue or as module:Class.
+
+    Raises:
+        UnknownNameError: If the catalogue has no such name.
+        ValueError, TypeError: If a module has no such class, or it is no estimator.
+    """
+    if ":" not in name:
+        made: Estimator = ESTIMATORS.make(name)
+        return made
+    try:
+        thing = resolve_name(name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(f"estimator {name!r} cannot be had: {error}") from error
+    made = ESTIMATORS.make(thing if isinstance(thing, Estimator) else thing())
+    return made
 
 
 def load_folder(path: str | Path) -> dict[str, Tuning]:
     """Every tuning of a folder's .toml files, or of one file, by the estimator's name.
 
     Raises:
+        FileNotFoundError: If there is no such folder or file.
         ValueError: If there is none, or two are of one estimator.
         UnknownNameError, TypeError, OSError: As :meth:`Tuning.load`.
     """
     path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"there is no tunings file or folder {path}; `vse-gym tune` writes one")
     files = sorted(path.glob("*.toml")) if path.is_dir() else [path]
     if not files:
         raise ValueError(f"no tunings file (.toml) in {path}")
