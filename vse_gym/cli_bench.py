@@ -191,5 +191,6 @@ def _tuned(path: Path | None) -> dict[str, tuple[Any, str]]:
 
 
 def _say_unused(tuned: dict[str, tuple[Any, str]], judged: Sequence[Any]) -> None:
-    if unused := sorted(tuned.keys() - {contender.parent for contender in judged}):
+    used = {contender.tuning for contender in judged}
+    if unused := sorted(name for name, (_, label) in tuned.items() if label not in used):
         screen.print(f"[red]not used:[/red] tunings of {', '.join(unused)}, whom nobody judges here", highlight=False)

@@ -88,6 +88,8 @@ def test_a_tuning_takes_the_place_of_a_default_and_is_named():
     tuned = replace(ExtendedKalmanFilter(), model=replace(ExtendedKalmanFilter().model, vy_noise=2.0))
     rows = contenders(["ekf", "ukf"], {"ekf": (tuned, "ekf-tuned (abc)")})
     assert [(c.estimator == tuned, c.tuning) for c in rows] == [(True, "ekf-tuned (abc)"), (False, "default")]
+    own = contenders([Plain()], {f"{Plain.__module__}:Plain": (Plain(margin=1.0), "Plain-tuned (abc)")})
+    assert (own[0].estimator, own[0].tuning) == (Plain(margin=1.0), "Plain-tuned (abc)")
 
 
 def test_two_of_one_name_are_refused():

@@ -186,7 +186,7 @@ def test_attribution_sets_the_parts_beside_the_whole(runs):
     mine = runs.filter(pl.col("estimator") == "a")
     parts = [
         mine.with_columns(estimator=pl.lit(f"a: {part}"), part=pl.lit(part), parent=pl.lit("a"), regret=pl.lit(figure))
-        for part, figure in (("velocity", 3.0), ("yaw", 1.0))
+        for part, figure in (("velocity", 3.0), ("yaw", 1.0), ("acceleration", 0.5))
     ]
     whole = runs.with_columns(part=pl.lit("whole"), parent=pl.col("estimator"))
     both = pl.concat([whole, *parts])
@@ -196,7 +196,7 @@ def test_attribution_sets_the_parts_beside_the_whole(runs):
     assert row[2].startswith(f"{mine['regret'].mean():.2f} (")
     assert summary(both).equals(summary(runs), null_equal=True)  # parts are not ranked
     only = attribution(pl.concat([whole, parts[1]])).rows
-    assert only[0][3:] == ["-", "1.00 (1.00 to 1.00)"]
+    assert only[0][3:] == ["-", "1.00 (1.00 to 1.00)", "-"]
     assert attribution(whole) is None and attribution(runs) is None
 
 

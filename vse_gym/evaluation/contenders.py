@@ -119,7 +119,7 @@ def contenders(
 
     Args:
         estimators: Names or instances, or a mapping from row names to either.
-        tunings: For some names of the catalogue, the estimator to take and what to call its tuning.
+        tunings: For some names of the catalogue, or module:Class, the estimator to take and what to call its tuning.
         attribution: Add rows in which a part alone is estimated and the rest is true.
 
     Raises:
@@ -129,7 +129,8 @@ def contenders(
     pairs = list(estimators.items()) if isinstance(estimators, Mapping) else [(_name(e), e) for e in estimators]
     rows: list[Contender] = []
     for name, thing in pairs:
-        tuned = (tunings or {}).get(thing) if isinstance(thing, str) else None
+        kind = type(thing)
+        tuned = (tunings or {}).get(thing if isinstance(thing, str) else f"{kind.__module__}:{kind.__qualname__}")
         made, label = tuned if tuned is not None else (ESTIMATORS.make(thing), DEFAULT)
         rows.append(Contender(name, made, label))
         if attribution:
