@@ -27,7 +27,7 @@ from vse_gym.estimators.anchors import Truth
 from vse_gym.evaluation import Cell, Study, evaluate
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.metrics import regret
-from vse_gym.report import on_screen
+from vse_gym.report import in_blocks, on_screen
 from vse_gym.report.statistics import Cube, cube, ranked, seed_interval
 from vse_gym.simulation import rollout
 from vse_gym.types import Array
@@ -203,7 +203,8 @@ def main() -> None:
         runs = evaluate(study, seeds=args.seeds, jobs=args.jobs)
     table, screen = regrets(runs), Console()
     size = len(table.seeds)
-    screen.print(on_screen(*per_cell(runs, floors(study, size, args.jobs)), f"{study.name}, {size} seeds"))
+    for block in in_blocks(*per_cell(runs, floors(study, size, args.jobs)), columns=6):  # 80 columns hold no more
+        screen.print(on_screen(*block, f"{study.name}, {size} seeds"))
     if len(table.cells) > 1:
         screen.print(f"pairs apart over all cells: {100 * pairs_apart(table.by_seed):.0f} %")
         screen.print(f"halves of the seeds, all cells: {halves(table.values, np.random.default_rng(0)):.2f}")
