@@ -203,7 +203,7 @@ def main() -> None:
         runs = evaluate(study, seeds=args.seeds, jobs=args.jobs)
     table, screen = regrets(runs), Console()
     size = len(table.seeds)
-    for block in in_blocks(*per_cell(runs, floors(study, size, args.jobs)), columns=6):  # 80 columns hold no more
+    for block in in_blocks(*per_cell(runs, floors(study, size, args.jobs)), columns=5):  # 80 columns hold no more
         screen.print(on_screen(*block, f"{study.name}, {size} seeds"))
     if len(table.cells) > 1:
         screen.print(f"pairs apart over all cells: {100 * pairs_apart(table.by_seed):.0f} %")
