@@ -116,7 +116,7 @@ def test_a_full_disk_is_said_and_leaves_what_was_there(short, folder, monkeypatc
     def full(descriptor):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(module.os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space left"):
         bench(short, folder, resume=True).drive()
     assert {path.name for path in (folder / "parts").iterdir()} == before

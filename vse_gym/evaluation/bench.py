@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.base import Estimator
 from vse_gym.evaluation.contenders import Contender, Judged, contenders
+from vse_gym.evaluation.files import write_runs
 from vse_gym.evaluation.matched import run_matched
 from vse_gym.evaluation.parallel import in_parallel
-from vse_gym.evaluation.results import Finished, Results, write_runs
+from vse_gym.evaluation.results import Finished, Results
 from vse_gym.evaluation.runs import run_cell
 from vse_gym.evaluation.study import Study
 

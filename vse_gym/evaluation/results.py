@@ -8,29 +8,31 @@ times.parquet    what differs between two runs of the same drive: times and the 
 
 import io
 import json
-import os
 import re
 from collections.abc import Mapping, Sequence
-from hashlib import blake2b
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vse_gym.evaluation.contenders import POTENTIAL, Contender
+from vse_gym.evaluation.files import (
+    Asked,
+    ResultsError,
+    alive,
+    digest_of,
+    in_order,
+    read_manifest,
+    sound,
+    tunings_of,
+    write_whole,
+)
 from vse_gym.evaluation.provenance import commit, libraries, package_version, source_digest
-from vse_gym.evaluation.runs import KEYS, TIMES, Row, table
+from vse_gym.evaluation.runs import Row, table
 from vse_gym.evaluation.study import Study
 
 if TYPE_CHECKING:
     import polars
 
-Asked = tuple[str, str, str]  # name, tuning and digest of a row's estimator
-
 FORMAT = 1
-FIRST = ("cell", "seed", "estimator", "parent", "part", "tuning", "regret")  # columns that a reader looks for
-
-
-class ResultsError(Exception):
-    """A folder that cannot be used as asked; the message says why and what can be done."""
 
 
 class Finished:
@@ -68,7 +70,7 @@ class Finished:
         frames = [part for key in sorted(self._parts) for part in self._parts[key]]
         if not frames:
             raise ResultsError("no cell is finished")
-        rows = _in_order(frames, asked)
+        rows = in_order(frames, asked)
         return rows if seeds is None else rows.filter(polars.col("seed").is_in(list(seeds)))
 
 
@@ -117,7 +119,7 @@ class Results(Finished):
         elif begun:
             held = read_manifest(folder)
             self._check(held)
-            self._before = _tunings(held)
+            self._before = tunings_of(held)
             for name in ("runs", "times"):  # of fewer parts than there will be
                 (folder / f"{name}.parquet").unlink(missing_ok=True)
         self._shelf.mkdir(parents=True, exist_ok=True)
@@ -159,7 +161,7 @@ class Results(Finished):
             "seeds": seeds or self.study.seeds,
             "tunings": {name: [tuning, digest] for name, tuning, digest in self._all},
         }
-        _write(self._manifest, (json.dumps(told, indent=1) + "\n").encode())
+        write_whole(self._manifest, (json.dumps(told, indent=1) + "\n").encode())
 
     def add(self, rows: Sequence[Row]) -> None:
         """Keep the rows of one cell and seed: whole or not at all, whatever happens meanwhile.
@@ -170,8 +172,10 @@ class Results(Finished):
         frame, buffer = table(rows), io.BytesIO()
         frame.write_parquet(buffer)
         cell, seed = str(frame["cell"][0]), int(frame["seed"][0])
-        name = f"{re.sub(r'[^a-z0-9]+', '-', cell.lower()).strip('-')}-{seed:04d}-{_digest(buffer.getvalue())}.parquet"
-        _write(self._shelf / name, buffer.getvalue())
+        name = (
+            f"{re.sub(r'[^a-z0-9]+', '-', cell.lower()).strip('-')}-{seed:04d}-{digest_of(buffer.getvalue())}.parquet"
+        )
+        write_whole(self._shelf / name, buffer.getvalue())
         self._shelve(frame)
 
     def _check(self, held: Mapping[str, Any]) -> None:
@@ -197,10 +201,10 @@ class Results(Finished):
     def _read(self) -> None:
         for path in sorted(self._shelf.iterdir()):
             if path.name.startswith("."):  # a run was killed while it wrote
-                if not _alive(path.name):
+                if not alive(path.name):
                     path.unlink(missing_ok=True)
             elif path.suffix == ".parquet":
-                frame = _sound(path)
+                frame = sound(path)
                 if frame is not None:
                     self._shelve(frame)
                     continue
@@ -212,130 +216,3 @@ class Results(Finished):
         derived = [path for ending in ("parquet", "md", "png", "html") for path in self.folder.glob(f"*.{ending}")]
         for path in (*self._shelf.glob("*"), *derived, self._manifest):
             path.unlink(missing_ok=True)
-
-
-def unfinished(runs: "polars.DataFrame", folder: Path) -> str:
-    """What is missing of what was to be driven, as a sentence; empty: nothing is."""
-    told = read_manifest(folder)
-    cells, seeds = told.get("cells", []), told.get("seeds", 0)
-    pairs = runs.select("cell", "seed").unique()
-    lacking = len(cells) * seeds - len(pairs)
-    if lacking <= 0:
-        return ""
-    never = sorted(set(cells) - set(pairs["cell"]))
-    which = f", none of {', '.join(never)}" if never else ""
-    return f"unfinished: {len(pairs)} of {len(cells) * seeds} cells x seeds are driven{which}; --resume goes on"
-
-
-def read_runs(folder: Path) -> "polars.DataFrame":
-    """The table of a results folder with its times; of one whose run was killed, what had been finished.
-
-    Raises:
-        ResultsError: If there is none, or it cannot be read.
-    """
-    import polars
-
-    if not folder.is_dir():
-        raise ResultsError(f"there is no folder {folder}")
-    runs, times = folder / "runs.parquet", folder / "times.parquet"
-    try:
-        if not runs.exists():
-            return _unfinished(folder)
-        table = polars.read_parquet(runs)
-        return table.join(polars.read_parquet(times), on=KEYS, how="left") if times.exists() else table
-    except (polars.exceptions.PolarsError, OSError) as error:
-        raise ResultsError(f"{folder} cannot be read: {error}") from error
-
-
-def write_runs(folder: Path, runs: "polars.DataFrame") -> None:
-    """Write the table of runs, and the table of times beside it.
-
-    Raises:
-        OSError: If they cannot be written.
-    """
-    times = [c for c in TIMES if c in runs.columns]
-    for name, frame in (("runs", runs.drop(times)), ("times", runs.select(*KEYS, *times))):
-        buffer = io.BytesIO()
-        frame.write_parquet(buffer)
-        _write(folder / f"{name}.parquet", buffer.getvalue())
-
-
-def _unfinished(folder: Path) -> "polars.DataFrame":
-    """What a run had finished when it was killed; parts that are damaged do not count."""
-    frames = [frame for path in sorted((folder / "parts").glob("*.parquet")) if (frame := _sound(path)) is not None]
-    if not frames:
-        raise ResultsError(f"{folder} holds neither runs.parquet nor any finished cell")
-    return _in_order(frames, _tunings(read_manifest(folder)))
-
-
-def _tunings(manifest: Mapping[str, Any]) -> list[Asked]:
-    return [(name, label, digest) for name, (label, digest) in manifest.get("tunings", {}).items()]
-
-
-def _sound(path: Path) -> "polars.DataFrame | None":
-    """The rows of a part; None if its bytes are not those that were written."""
-    import polars
-
-    content = path.read_bytes()
-    return polars.read_parquet(io.BytesIO(content)) if path.stem.rpartition("-")[2] == _digest(content) else None
-
-
-def _in_order(frames: Sequence["polars.DataFrame"], asked: Sequence[Asked]) -> "polars.DataFrame":
-    """One sorted table of the rows of these estimators, by name, tuning and digest, and of the car without control."""
-    import polars
-
-    names = ["estimator", "tuning", "tuning_digest"]  # one digest may have had another label
-    keys = polars.DataFrame([*asked, (POTENTIAL, "", "")], schema=names, orient="row")
-    rows = polars.concat(frames, how="diagonal_relaxed").drop("tuning")
-    rows = rows.join(keys, on=["estimator", "tuning_digest"], how="inner")
-    ordered = [c for c in FIRST if c in rows.columns]
-    ordered += sorted(set(rows.columns) - set(ordered))
-    return rows.select(ordered).unique(KEYS, keep="last", maintain_order=True).sort(KEYS)
-
-
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """What was to be driven in a folder, by whom, with what.
-
-    Raises:
-        ResultsError: If that cannot be read.
-    """
-    path = folder / "run.json"
-    try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(told, dict):
-            raise ValueError("it holds no table")
-    except (OSError, ValueError) as error:
-        raise ResultsError(
-            f"{path}, which says whose the finished cells in parts/ are, cannot be read: {error}; put it back, choose "
-            "another folder, or --overwrite this one"
-        ) from error
-    return told
-
-
-def _alive(name: str) -> bool:
-    """Whether the process that writes a temporary file still runs on this machine."""
-    try:
-        os.kill(int(name.rpartition(".")[2]), 0)
-    except (ValueError, OverflowError, ProcessLookupError):
-        return False
-    except PermissionError:
-        pass
-    return True
-
-
-def _digest(content: bytes) -> str:
-    return blake2b(content, digest_size=6).hexdigest()
-
-
-def _write(path: Path, content: bytes) -> None:
-    """A file that is there whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
