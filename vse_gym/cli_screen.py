@@ -33,7 +33,8 @@ Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1: all cores.", c
 
 def refuse(error: Exception) -> typer.Exit:
     """A mistake of the user is a sentence, not a traceback."""
-    Console(stderr=True).print(f"[red]error:[/red] {escape(str(error))}", highlight=False)
+    console = Console(stderr=True)  # which shall not break a path: the terminal folds what is too long
+    console.print(f"[red]error:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
     return typer.Exit(2)
 
 

@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 from dataclasses import dataclass, field, replace
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -52,6 +53,16 @@ def test_code_from_outside_counts_with_its_bases_and_helpers(tmp_path, monkeypat
         mine = importlib.import_module("outside").Mine
         prints.append((fingerprint(mine()), fingerprint(Truth(("vx",), inner=mine()))))
     assert len(set(prints)) == 4 and prints[0] == prints[-1]
+
+
+def test_a_module_that_names_a_file_which_is_none_does_no_harm(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "alone.py").write_text(BASE.format(1))
+    phantom = ModuleType("phantom")
+    phantom.__file__ = "phantom.py"  # as torch has it
+    monkeypatch.setitem(sys.modules, "phantom", phantom)
+    assert fingerprint(importlib.import_module("alone").Base())
 
 
 def test_what_was_typed_at_a_prompt_is_never_taken_for_the_same_again():

@@ -78,7 +78,8 @@ def _neighbours(file: Path) -> str:
     if folder.name != "site-packages":
         loaded = [getattr(module, "__file__", None) for module in list(sys.modules.values())]
         there = [Path(name).resolve() for name in loaded if name and name.endswith(".py")]
-        files |= {path for path in there if folder in path.parents and "site-packages" not in path.parts}
+        near = {path for path in there if folder in path.parents and "site-packages" not in path.parts}
+        files |= {path for path in near if path.is_file()}  # some modules name a file that is none
     return digest(*(f"{path.name}\n{path.read_text(encoding='utf-8', errors='replace')}" for path in sorted(files)))
 
 
