@@ -33,7 +33,7 @@ def bench(
     ] = None,
     max_seeds: Annotated[int, typer.Option(min=1, help="Where --precision stops adding.")] = 200,
     tunings: Annotated[
-        Path | None, typer.Option(help="A tunings file, or a folder of them, from `vse-gym tune`.")
+        Path | None, typer.Option(help="A file from `vse-gym tune`, a folder of such files, or `published`.")
     ] = None,
     backend: Annotated[str, typer.Option(help="loky: this machine; ray, dask: a cluster, or a local one.")] = "loky",
 ) -> None:

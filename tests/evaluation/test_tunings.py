@@ -2,7 +2,6 @@
 
 import math
 from operator import attrgetter
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -152,7 +151,7 @@ def test_a_folder_without_tunings_or_with_two_of_one_estimator_is_refused(tmp_pa
         load_folder(tmp_path / "nowhere.toml")
 
 
-SHIPPED = load_folder(Path(__file__).parents[2] / "benchmarks" / "tunings")
+SHIPPED = load_folder("published")
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -9,6 +9,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent.parent
+SHIPPED = ("studies", "tunings")  # data that a wheel carries inside the package, a checkout in benchmarks
+
+
+def shipped(kind: str) -> Path:
+    """The folder of what comes with the package, one of SHIPPED."""
+    installed = PACKAGE / kind
+    return installed if installed.is_dir() else PACKAGE.parent / "benchmarks" / kind
 
 
 @lru_cache(maxsize=1)
@@ -41,7 +48,8 @@ def commit() -> str:
 def source_digest() -> str:
     """Of all code and vehicle files of this package: alike in two runs, the same drives come out."""
     total = blake2b(digest_size=6)
-    for path in sorted(p for ending in ("*.py", "*.toml") for p in PACKAGE.rglob(ending) if "studies" not in p.parts):
+    found = (path for ending in ("*.py", "*.toml") for path in PACKAGE.rglob(ending))
+    for path in sorted(path for path in found if not set(SHIPPED) & set(path.relative_to(PACKAGE).parts)):
         total.update(path.relative_to(PACKAGE).as_posix().encode())
         total.update(path.read_bytes())
     return total.hexdigest()

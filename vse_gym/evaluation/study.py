@@ -9,6 +9,7 @@ from typing import Any
 
 from vse_gym.evaluation.cells import Cell, Randomise
 from vse_gym.evaluation.contenders import digest
+from vse_gym.evaluation.provenance import shipped
 from vse_gym.evaluation.schema import check, kinds_of, needed_of
 from vse_gym.registry import UnknownNameError
 from vse_gym.vehicles import load
@@ -91,12 +92,7 @@ def _inside(where: str) -> Iterator[None]:
         raise kind(f"{where}: {error}") from None
 
 
-def _studies_folder() -> Path:
-    installed = Path(__file__).parent.parent / "studies"  # where the wheel carries them
-    return installed if installed.is_dir() else Path(__file__).parent.parent.parent / "benchmarks" / "studies"
-
-
-STUDIES = _studies_folder()
+STUDIES = shipped("studies")
 
 
 def study_names() -> list[str]:

@@ -11,9 +11,11 @@ from typing import Any
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.base import Estimator
 from vse_gym.evaluation.contenders import fingerprint
+from vse_gym.evaluation.provenance import shipped
 from vse_gym.registry import UnknownNameError
 
 Plain = bool | int | float | str
+PUBLISHED = "published"
 
 
 @dataclass(frozen=True)
@@ -115,14 +117,18 @@ def default_of(name: str) -> Estimator:
 def load_folder(path: str | Path) -> dict[str, Tuning]:
     """Every tuning of a folder's .toml files, or of one file, by the estimator's name.
 
+    Args:
+        path: "published" stands for the tunings that come with the package.
+
     Raises:
         FileNotFoundError: If there is no such folder or file.
         ValueError: If there is none, or two are of one estimator.
         UnknownNameError, TypeError, OSError: As :meth:`Tuning.load`.
     """
-    path = Path(path)
+    path = shipped("tunings") if str(path) == PUBLISHED else Path(path)
     if not path.exists():
-        raise FileNotFoundError(f"there is no tunings file or folder {path}; `vse-gym tune` writes one")
+        told = f"{PUBLISHED!r} are those that come with the package, `vse-gym tune` writes others"
+        raise FileNotFoundError(f"there is no tunings file or folder {path}; {told}")
     files = sorted(path.glob("*.toml")) if path.is_dir() else [path]
     if not files:
         raise ValueError(f"no tunings file (.toml) in {path}")
