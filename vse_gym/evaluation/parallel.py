@@ -1,5 +1,6 @@
 """Many independent calls at once, on this machine or a cluster; results as they come."""
 
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
@@ -9,6 +10,9 @@ from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 
 BACKENDS = ("loky", "ray", "dask")
 BATCH = 4  # calls per process between two looks at what has come, where a backend gives no stream of results
+
+# Ctrl-C reaches every process of a terminal; the first ends the others, who need not complain
+DEAF = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
 
 
 def in_parallel(
@@ -32,7 +36,8 @@ def in_parallel(
     if backend == "loky" and jobs == 1:  # no process needs be started, none pickled to
         yield from (function(*call) for call in calls)
         return
-    with _connected(backend, jobs), parallel_config(backend=backend, n_jobs=jobs):
+    settings: dict[str, Any] = DEAF if backend == "loky" else {}
+    with _connected(backend, jobs), parallel_config(backend=backend, n_jobs=jobs, **settings):
         if backend != "ray":
             yield from Parallel(return_as="generator_unordered")(delayed(function)(*call) for call in calls)
             return
