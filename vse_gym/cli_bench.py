@@ -61,7 +61,7 @@ def bench(
         finished = Finished()
         if out is not None:
             finished = Results(out, plan, judged, command, count, resume, overwrite)
-    for part in getattr(finished, "damaged", ()):
+    for part in finished.damaged:
         screen.print(f"[red]damaged, set aside and driven again:[/red] {escape(part)}", highlight=False)
     work = Bench(plan, judged, count, jobs, backend, finished)
     stopped = False

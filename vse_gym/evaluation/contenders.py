@@ -36,8 +36,7 @@ def digest(*parts: object) -> str:
 
 def fingerprint(estimator: Estimator) -> str:
     """Of an estimator's class and settings; of the code too if it is not ours, which has a digest of its own."""
-    inner = fingerprint(estimator.inner) if isinstance(estimator, Truth) and estimator.inner is not None else ""
-    return digest(_said(estimator), *_code_of(type(estimator)), inner)
+    return digest(_said(estimator))
 
 
 def _said(thing: object) -> object:
@@ -47,16 +46,18 @@ def _said(thing: object) -> object:
     if isinstance(thing, int | float):
         return repr(float(thing))  # 2 and 2.0 are one setting
     kind = f"{type(thing).__module__}:{type(thing).__qualname__}"
+    code = _code_of(type(thing)) if is_dataclass(thing) or isinstance(thing, Estimator) else []
     if is_dataclass(thing) and not isinstance(thing, type):
         held = {f.name: getattr(thing, f.name) for f in fields(thing)} | getattr(thing, "__dict__", {})
-        return kind, _code_of(type(thing)), [(name, _said(value)) for name, value in sorted(held.items())]
+        return kind, code, [(name, _said(value)) for name, value in sorted(held.items())]
     try:
-        return kind, joblib.hash(thing)
+        return kind, code, joblib.hash(thing)
     except (pickle.PicklingError, TypeError, AttributeError):  # it holds a function, a lock, ...
         if isinstance(thing, FunctionType):
             return kind, thing.__code__.co_code.hex(), repr(thing.__code__.co_consts)
         attributes = sorted(getattr(thing, "__dict__", {}).items())
-        return kind, [(name, _said(value)) for name, value in attributes] or re.sub(r" at 0x[0-9a-f]+", "", repr(thing))
+        told = [(name, _said(value)) for name, value in attributes] or re.sub(r" at 0x[0-9a-f]+", "", repr(thing))
+        return kind, code, told
 
 
 def _code_of(kind: type) -> list[str]:

@@ -40,6 +40,7 @@ class Finished:
 
     def __init__(self) -> None:
         self._parts: dict[tuple[str, int], list[polars.DataFrame]] = {}
+        self.damaged: list[str] = []  # files that were found unreadable and set aside
 
     def missing(self, cell: str, seed: int, contenders: Sequence[Contender]) -> tuple[tuple[Contender, ...], bool]:
         """Who has no row yet of a cell and seed, and whether the car without control lacks one."""
@@ -104,7 +105,6 @@ class Results(Finished):
     ):
         super().__init__()
         self.folder, self.study = folder, study
-        self.damaged: list[str] = []  # parts that were found unreadable and set aside
         self._before: list[Asked] = []  # whom an earlier run judged here
         if folder.exists() and not folder.is_dir():
             raise ResultsError(f"{folder} is a file: results go into a folder")
