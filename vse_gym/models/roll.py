@@ -6,7 +6,7 @@ Equations: patent application CN110532590A (2019) as :mod:`vse_gym.physics.roll`
 
 import math
 from dataclasses import dataclass, fields
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,10 @@ WHEEL_MEMORY = 5
 M_LAG, M_SPEED = WHEEL_MEMORY, WHEEL_MEMORY + 8
 
 
+RIGID_RATE = 40.0  # at which a rigid body forgets a roll that it never had [1/s]
+RIGID_DOUBT = 0.01  # what is left of the doubts about roll if the car is said not to [-]
+
+
 class Suspension(NamedTuple):
     """How a body leans. Roll acceleration: side a + turn q - righting phi - damping p, with a the tyres' force across
     over the mass and q their moment over the yaw inertia.
@@ -59,11 +63,10 @@ class Suspension(NamedTuple):
 
 
 def suspension(car: Vehicle) -> Suspension:
-    """That of a car; a rigid body stands on springs too, but nothing leans it."""
+    """That of a car; to a rigid body nothing happens, and what noise does to it is over after a few steps."""
     body = car.body
     if not isinstance(body, RollingBody):
-        stiff = 2 * math.pi * 1.5  # a usual eigenfrequency [rad/s], well damped
-        return Suspension(0.0, 0.0, stiff**2, stiff, 0.0, 0.0, 0.0, 0.0, 1.0)
+        return Suspension(0.0, 0.0, RIGID_RATE**2, 2 * RIGID_RATE, 0.0, 0.0, 0.0, 0.0, 1.0)
     swing, product = body.sprung_mass * body.roll_arm, body.roll_yaw_product
     upright = body.roll_stiffness - swing * GRAVITY
     inertia = body.roll_inertia + swing * body.roll_arm - swing**2 / car.mass - product**2 / car.yaw_inertia
@@ -118,12 +121,11 @@ class RollTrackTuning(DoubleTrackTuning):
     roll_rate_prior: float = 0.05  # standard deviation at the start [rad/s]
     roll_prior: float = 0.01  # [rad]
     speedometer: bool = True  # whether rolling wheels are read for the speed; False: z = [ax, ay, p, r], as published
-    RIGID: ClassVar[float] = 0.01  # what is left of the doubts about roll if the car is said not to
 
     def build(self, nominal: Nominal) -> RollTrack:
         """The model of a nominal car with this trust."""
         like = DoubleTrackTuning(**{f.name: getattr(self, f.name) for f in fields(DoubleTrackTuning)}).build(nominal)
-        doubt = 1.0 if isinstance(nominal.vehicle.body, RollingBody) else self.RIGID
+        doubt = 1.0 if isinstance(nominal.vehicle.body, RollingBody) else RIGID_DOUBT
         noise = doubt**2 * nominal.dt * np.array([self.roll_rate_noise**2, self.roll_noise**2])
         prior = doubt**2 * np.array([self.roll_rate_prior**2, self.roll_prior**2])
         variances = like.variances.copy()
