@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 GRAVITY = 9.81  # m/s2
 
-# The plant's state, one float array of STATE_SIZE. The last four are outputs of the step that led here.
+# The plant's state, one float array of STATE_SIZE. AX and AY are outputs of the step that led here.
 X, Y, YAW = 0, 1, 2  # position of the centre of gravity [m] and heading [rad], earth-fixed
 VX, VY, YAW_RATE = 3, 4, 5  # velocity of the centre of gravity in body axes [m/s], [rad/s]
 WHEEL_SPEEDS = slice(6, 10)  # [rad/s]
@@ -19,7 +19,7 @@ LOAD_AX, LOAD_AY = 10, 11  # specific force that the load transfer has followed 
 DISTANCE = 12  # path length travelled [m]
 BRAKE_WORK = 13  # heat in the brakes so far [J]
 LAG_X, LAG_Y = 14, 18  # indices of the first wheel's unsteady slips, kappa and tan(alpha), four each [-]
-AX, AY = 22, 23  # specific force at the centre of gravity (what an accelerometer there feels) [m/s2]
+AX, AY = 22, 23  # specific force at the centre of gravity: what an accelerometer feels, leaning as the body does [m/s2]
 ROLL, ROLL_RATE = 24, 25  # of the body, positive leans right [rad], [rad/s]; 0 where the plant has no roll
 STATE_SIZE = 26
 
