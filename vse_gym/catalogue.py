@@ -23,6 +23,9 @@ ESTIMATORS: Registry[Any] = Registry(
         "enkf": "vse_gym.estimators.ensemble:EnsembleKalmanFilter",
         "pf": "vse_gym.estimators.particle:BootstrapParticleFilter",
         "pf_cauchy_gaussian": "vse_gym.estimators.particle:CauchyGaussianParticleFilter",
+        "ackf": "vse_gym.estimators.adaptive_cubature:AdaptiveCubatureKalmanFilter",
+        "upf": "vse_gym.estimators.sigma_particle:UnscentedParticleFilter",
+        "acpf": "vse_gym.estimators.sigma_particle:AdaptiveCubatureParticleFilter",
     },
     base="vse_gym.estimators.base:Estimator",
 )

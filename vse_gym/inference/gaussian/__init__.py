@@ -12,8 +12,10 @@ from vse_gym.inference.gaussian.recursion import (
     filter_update,
     foresee,
     keep,
+    learn,
     predict,
 )
+from vse_gym.inference.gaussian.sage_husa import SageHusa, untaught
 from vse_gym.inference.gaussian.square_root import SquareRootUnscented, failed_downdates
 from vse_gym.inference.gaussian.unscented import Unscented
 
@@ -22,6 +24,7 @@ __all__ = [
     "Extended",
     "Gated",
     "HeavyTailed",
+    "SageHusa",
     "SquareRootUnscented",
     "Unscented",
     "cauchy_rungs",
@@ -33,5 +36,7 @@ __all__ = [
     "filter_update",
     "foresee",
     "keep",
+    "learn",
     "predict",
+    "untaught",
 ]
