@@ -89,22 +89,22 @@ def running_median_step(memory, value):
     return running_median(value, memory)
 
 
-def tested(values, references, band=1.0, patience=3.0):
+def replaced(values, references, band=1.0, patience=3.0):
     memory = np.zeros(2)
     return [reliable(float(v), float(r), band, patience, memory) for v, r in zip(values, references, strict=True)]
 
 
 def test_a_reading_outside_the_band_is_replaced_by_the_last_good_one():
-    assert tested([0.5, 5.0, -5.0, 0.7], np.zeros(4)) == [0.5, 0.5, 0.5, 0.7]
-    assert tested([0.5, 1.7, 5.0], [0, 1, 2]) == [0.5, 1.7, 1.7]  # the band goes with the reference
+    assert replaced([0.5, 5.0, -5.0, 0.7], np.zeros(4)) == [0.5, 0.5, 0.5, 0.7]
+    assert replaced([0.5, 1.7, 5.0], [0, 1, 2]) == [0.5, 1.7, 1.7]  # the band goes with the reference
 
 
 def test_after_its_patience_a_reading_is_believed_until_it_is_good_again():
     readings = [0.5, 5, 5, 5, 6, 7, 0.3, 5, 5]
-    assert tested(readings, np.zeros(9)) == [0.5, 0.5, 0.5, 0.5, 6, 7, 0.3, 0.3, 0.3]
-    assert tested(readings, np.zeros(9), patience=0.0) == readings
+    assert replaced(readings, np.zeros(9)) == [0.5, 0.5, 0.5, 0.5, 6, 7, 0.3, 0.3, 0.3]
+    assert replaced(readings, np.zeros(9), patience=0.0) == readings
 
 
 def test_silence_is_no_refusal():
     silent = float("nan")
-    assert tested([0.5, 5, silent, silent, silent, 5, 5, 5], np.zeros(8)) == [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 5]
+    assert replaced([0.5, 5, silent, silent, silent, 5, 5, 5], np.zeros(8)) == [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 5]

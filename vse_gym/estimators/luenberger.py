@@ -45,10 +45,10 @@ class LuenbergerObserver(Estimator):
 
     def init(self, nominal: Nominal, rng: np.random.Generator) -> ObserverState:
         model = self.model.build(nominal)
-        left = [math.exp(-rate * nominal.dt) for rate in (self.vy_rate, self.yaw_rate)]
+        vy_left, yaw_left = (math.exp(-rate * nominal.dt) for rate in (self.vy_rate, self.yaw_rate))
         mean = model.prior_mean
         belief = np.concatenate((mean, model.memory, [nominal.speed, *mean, np.nan, 0.0]))
-        return ObserverState(hold((Placed(*left, Y_AY, Y_YAW_RATE), model)), belief)
+        return ObserverState(hold((Placed(vy_left, yaw_left, Y_AY, Y_YAW_RATE), model)), belief)
 
     def update(self, state: ObserverState, reading: Reading, rng: np.random.Generator) -> ObserverState:
         constants, belief = state
