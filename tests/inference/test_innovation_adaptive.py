@@ -8,13 +8,13 @@ from vse_gym.inference.gaussian import Extended, filter_drive, filter_step
 from vse_gym.inference.gaussian.innovation_adaptive import InnovationAdaptive, adaptive_memory
 from vse_gym.inference.gaussian.square_root_cubature import SquareRootCubature
 
-WINDOW = 20
+WINDOW, EXTENDED = 20, Extended()
 
 
-def adaptive(linear, floor=0.01, cap=100.0, window=WINDOW, rule=None, **gate):
+def adaptive(linear, floor=0.01, cap=100.0, window=WINDOW, rule=EXTENDED, **gate):
     """The rule, and the model with room for its memory."""
     m = linear.R.size
-    rule = InnovationAdaptive(rule or Extended(), window, np.full(m, floor), np.full(m, cap), **gate)
+    rule = InnovationAdaptive(rule, window, np.full(m, floor), np.full(m, cap), **gate)
     return rule, linear._replace(memory=adaptive_memory(m, window))
 
 

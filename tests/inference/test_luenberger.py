@@ -78,11 +78,11 @@ def test_rates_must_be_positive():
         ESTIMATORS.make("luenberger", vy_rate=0.0)
 
 
-def test_it_is_no_worse_than_no_sideslip_at_all():
+def test_most_of_a_slaloms_sideslip_is_known():
     cell = scenario("slalom", "qin2014_understeer", "gaussian")
     log = rollout(cell, "truth", "none", 0)
     error = [
         np.std(shadow(log, ESTIMATORS.make(name), cell.nominal, 0).estimate[:, 1] - log.truth[:, p.VY])
         for name in ("luenberger", "zero")
     ]
-    assert error[0] < 0.2 * error[1]
+    assert error[0] < 0.5 * error[1]
