@@ -23,6 +23,9 @@ ESTIMATORS: Registry[Any] = Registry(
         "enkf": "vse_gym.estimators.ensemble:EnsembleKalmanFilter",
         "pf": "vse_gym.estimators.particle:BootstrapParticleFilter",
         "pf_cauchy_gaussian": "vse_gym.estimators.particle:CauchyGaussianParticleFilter",
+        "mapf": "vse_gym.estimators.model_adaptive:ModelAdaptiveParticleFilter",
+        "mapf_physics": "vse_gym.estimators.model_adaptive:PhysicsAdaptiveParticleFilter",
+        "strong_tracking": "vse_gym.estimators.strong_tracking:StrongTrackingKalmanFilter",
     },
     base="vse_gym.estimators.base:Estimator",
 )

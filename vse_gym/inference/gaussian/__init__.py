@@ -15,6 +15,7 @@ from vse_gym.inference.gaussian.recursion import (
     predict,
 )
 from vse_gym.inference.gaussian.square_root import SquareRootUnscented, failed_downdates
+from vse_gym.inference.gaussian.strong_tracking import StrongTracking, fading_factors
 from vse_gym.inference.gaussian.unscented import Unscented
 
 __all__ = [
@@ -23,10 +24,12 @@ __all__ = [
     "Gated",
     "HeavyTailed",
     "SquareRootUnscented",
+    "StrongTracking",
     "Unscented",
     "cauchy_rungs",
     "correct",
     "covariance",
+    "fading_factors",
     "failed_downdates",
     "filter_drive",
     "filter_step",
