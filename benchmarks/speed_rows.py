@@ -28,6 +28,9 @@ from vse_gym.types import Estimate, Reading
 GROUPS = ("env", "filterpy", "particles", "plant", "drive", "start", "blocks")
 SAME = 1e-6  # largest difference between estimates that are called the same [SI]
 GENTLE = np.radians(50)  # of the hand wheel, for a car that shall not slide
+CHEAP = 60.0  # most that an update may cost [us]; others by name
+LIMITS = {"pf": 500.0, "pf_cauchy_gaussian": 500.0, "mapf": 500.0, "mapf_physics": 500.0}
+LIMITS |= {"acpf": 2000.0, "upf": 3000.0, "mhe": 1000.0, "switching": 20.0}
 ENV_SECONDS, CHUNK = 0.3, 16  # of one repeat of an environment, and steps between looks at the clock
 
 
@@ -181,10 +184,11 @@ class Bench:
         yield Row("vse-gym run: from start to the first step", "s", first, *beside, 2.0)
 
     def blocks(self) -> Iterator[Row]:
-        """Every registered estimator's update and controller's act, called from Python: for information."""
+        """Every registered estimator's update with what it may cost, and controller's act for information."""
         for name in ESTIMATORS:
             estimator = ESTIMATORS.make(name)
-            yield self._block(f"{name}: Estimator.update", lambda e=estimator: self.update(e))
+            limit = LIMITS.get(name, CHEAP)
+            yield self._block(f"{name}: Estimator.update", lambda e=estimator: self.update(e), limit)
         for name in CONTROLLERS:
             law = CONTROLLERS.make(name)
             try:
@@ -192,10 +196,11 @@ class Bench:
             except ModuleNotFoundError as error:
                 self.notes.append(f"no row of {name}: {error}")
 
-    def _block(self, what: str, measure: Callable[[], float]) -> Row:
+    def _block(self, what: str, measure: Callable[[], float], limit: float | None = None) -> Row:
         measure()
         affordable = round(1.0 / (measure() * len(self.readings)))  # a second each
-        return Row(what, "us", *self.by_turns(measure, repeats=max(3, min(self.repeats, affordable)), unit=1e6))
+        (took,) = self.by_turns(measure, repeats=max(3, min(self.repeats, affordable)), unit=1e6)
+        return Row(what, "us", took, target=limit)
 
 
 @compiled

@@ -3,7 +3,7 @@
 import numpy as np
 
 from vse_gym.physics import parameters as p
-from vse_gym.types import CHANNELS, Array, BrakeDemand, Car, Estimate, Log, Reading
+from vse_gym.types import CHANNELS, FOUND, Array, BrakeDemand, Car, Estimate, Log, Reading
 
 Scalars = tuple[float, ...]  # time, hand wheel, steer, friction, NIS and seconds of an instant
 
@@ -16,6 +16,7 @@ class LogBook:
         self.truth = np.empty((rows, p.STATE_SIZE))
         self.inputs, self.readings = np.empty((rows, 9)), np.empty((rows, len(CHANNELS)))
         self.estimate, self.cov = np.empty((rows, 5)), np.empty((rows, 3, 3))
+        self.found = np.empty((rows, len(FOUND)))
         self.brake, self.added, self.release = np.empty((rows, 4)), np.empty((rows, 4)), np.empty((rows, 4))
         self.scalars = np.empty((rows, 6))
 
@@ -26,7 +27,7 @@ class LogBook:
         k = self.rows
         self.truth[k] = truth.state
         self.inputs[k], self.readings[k] = reading.inputs, reading.y
-        self.estimate[k], self.cov[k] = estimate[:5], estimate.cov
+        self.estimate[k], self.cov[k], self.found[k] = estimate[:5], estimate.cov, estimate[6:]
         self.brake[k], self.added[k], self.release[k] = brake, demand.added, demand.release
         self.scalars[k] = scalars
         self.rows += 1
@@ -53,4 +54,5 @@ class LogBook:
             nis,
             seconds,
             vehicle,
+            self.found[:n],
         )

@@ -8,7 +8,7 @@ from vse_gym.estimators.base import Estimator
 from vse_gym.listener import EstimatorError, Listener
 from vse_gym.models import Nominal
 from vse_gym.sensors import stream
-from vse_gym.types import CHANNELS, Array, Log, Reading
+from vse_gym.types import CHANNELS, FOUND, Array, Log, Reading
 
 
 class Trace(NamedTuple):
@@ -16,6 +16,7 @@ class Trace(NamedTuple):
 
     estimate: Array  # vx, vy, yaw rate, ax, ay, (T, 5)
     cov: Array  # of vx, vy, yaw rate, (T, 3, 3)
+    found: Array  # roll, mass and the like, as FOUND, (T, 12); NaN where not estimated
     nis: Array  # squared normalised innovation over its degrees of freedom, (T,); NaN where none
     effective_size: Array  # of a particle filter, (T,); NaN otherwise
     seconds: float  # spent in Estimator.update and estimate, median over the readings [s]
@@ -33,6 +34,7 @@ def shadow(log: Log, estimator: Estimator, nominal: Nominal, seed: int) -> Trace
     """
     rows = len(log.time)
     estimate, cov = np.full((rows, 5), np.nan), np.full((rows, 3, 3), np.nan)
+    found = np.full((rows, len(FOUND)), np.nan)
     nis, size = np.full(rows, np.nan), np.full(rows, np.nan)
     heard, ended = np.zeros(len(CHANNELS)), ""
     spent: list[float] = []
@@ -43,11 +45,11 @@ def shadow(log: Log, estimator: Estimator, nominal: Nominal, seed: int) -> Trace
             heard = np.where(np.isnan(reading.y), heard, reading.y)
             said = listener.hear(reading, heard, log.truth[k], float(log.friction[k]))
             spent.append(listener.seconds)
-            estimate[k], cov[k] = said[:5], said.cov
+            estimate[k], cov[k], found[k] = said[:5], said.cov, said[6:]
             nis[k] = listener.nis
             size[k] = estimator.effective_size(listener.state)
     except EstimatorError as error:  # a broken estimator is a row with its reason, not the end of a benchmark
         ended = str(error)
     if not ended and not np.isfinite(estimate[:, :3]).all():
         ended = "estimate not finite"
-    return Trace(estimate, cov, nis, size, float(np.median(spent)) if spent else np.nan, ended)
+    return Trace(estimate, cov, found, nis, size, float(np.median(spent)) if spent else np.nan, ended)

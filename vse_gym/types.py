@@ -215,6 +215,9 @@ class Estimate(NamedTuple):
         return math.sqrt(max(0.0, a * a * cov[0, 0] + 2 * a * b * cov[0, 1] + b * b * cov[1, 1]))
 
 
+FOUND = Estimate._fields[Estimate._fields.index("cov") + 1 :]  # what some estimators find beside the motion
+
+
 class Log(NamedTuple):
     """One drive, T instants long; row k is the instant k dt.
 
@@ -239,6 +242,7 @@ class Log(NamedTuple):
     nis: Array = NO_TORQUE[:0]  # of each update, over its degrees of freedom, (T,); NaN where none
     seconds: Array = NO_TORQUE[:0]  # that each update and estimate took, (T,) [s]
     vehicle: p.Vehicle | None = None  # the true car; None: nobody knows another than the one in ``Nominal``
+    found: Array = NO_TORQUE[:0]  # the estimate's fields of FOUND, (T, 12); NaN where not estimated
 
     @property
     def sideslip(self) -> Array:

@@ -1,5 +1,6 @@
 """The table that ranks, and those beside it, against small tables of which every figure is known."""
 
+import math
 from io import StringIO
 
 import numpy as np
@@ -13,6 +14,7 @@ from vse_gym.report.details import (
     consistency,
     differences,
     false_interventions,
+    found,
     gain_and_price,
     gain_by_cell,
     price_by_cell,
@@ -208,3 +210,14 @@ def test_which_tuning_each_row_used_is_said(runs):
         ["a", "a.toml 1a2b"],
     ]
     assert tunings(runs) is None
+
+
+def test_what_estimators_find_is_a_row_for_each_that_finds_it(table):
+    runs = table(np.zeros((2, 6, 2)), ["ekf", "finder"])
+    assert found(runs) is None
+    finder = pl.col("estimator") == "finder"
+    figures = {"rmse_kg": 30.0, "sheet_rmse_kg": 130.0, "final_kg": -12.0, "coverage_percent": 80.0}
+    runs = runs.with_columns(
+        pl.when(finder).then(value).otherwise(math.nan).alias(f"shadow_mass_{name}") for name, value in figures.items()
+    )
+    assert found(runs).rows == [["finder", "mass kg", "30", "130", "-12", "80"]]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vse_gym import metrics
+from vse_gym import metrics, metrics_found
 from vse_gym.estimators.anchors import Truth
 from vse_gym.estimators.base import Estimator
 from vse_gym.evaluation.cells import Cell
@@ -66,7 +66,8 @@ def run_cell(study: Study, cell: Cell, seed: int, contenders: Sequence[Contender
         rows.append(head | names | _loop(drawn, alone) | took(begin))
     for contender in contenders:
         begin = perf_counter()
-        heard = shadow_columns(drawn.truth, contender.estimator, drawn.scenario.nominal, drawn.seed)
+        tyres_known = cell.plant == "double_track"
+        heard = shadow_columns(drawn.truth, contender.estimator, drawn.scenario.nominal, drawn.seed, tyres_known)
         log = rollout(drawn.scenario, contender.estimator, cell.controller, drawn.seed)
         rows.append(head | contender.columns | _loop(drawn, log) | heard | took(begin))
     return rows
@@ -95,11 +96,12 @@ def took(begin: float) -> Row:
     return {"seconds": perf_counter() - begin, "machine": machine(), "commit": commit()}
 
 
-def shadow_columns(log: Log, estimator: Estimator, nominal: Nominal, seed: int) -> Row:
-    """Columns of an estimator that listens to a drive."""
+def shadow_columns(log: Log, estimator: Estimator, nominal: Nominal, seed: int, tyres_known: bool = True) -> Row:
+    """Columns of an estimator that listens to a drive; ``tyres_known``: the log's vehicle is what moved."""
     heard = shadow(log, estimator, nominal, seed)
     e = metrics.errors(log.truth, heard.estimate, heard.cov, heard.nis, heard.effective_size)
     direct: Row = {f"shadow_{k}": v for k, v in metrics.direct(e).items()}
+    direct |= {f"shadow_{k}": v for k, v in metrics_found.found(log, heard.found, nominal, tyres_known).items()}
     if heard.ended:  # errors of the part that it survived would flatter it
         direct = {k: None if isinstance(v, float) else True for k, v in direct.items()}
     return direct | {"shadow_update_us": 1e6 * heard.seconds, "shadow_ended": heard.ended}

@@ -33,6 +33,16 @@ CONSISTENCY = (
     ("coverage_percent", "truth in the 95 % band %", ".0f"),
     ("effective_size", "effective sample size", ".0f"),
 )
+# what some estimators find beside the motion: column of the table of runs without what is scored, unit, format
+FOUND = (
+    ("roll", "deg", ".2f"),
+    ("roll_rate", "degps", ".2f"),
+    ("mass", "kg", ".0f"),
+    ("stiffness_front", "percent", ".1f"),
+    ("stiffness_rear", "percent", ".1f"),
+    ("friction", "abs", ".3f"),
+)
+UNITS = {"degps": "deg/s", "percent": "%", "abs": "-"}
 # column of the table of runs, head, format
 PRICE = (
     ("loop_peak_sideslip_deg", "peak sideslip deg", ".1f"),
@@ -114,6 +124,25 @@ def attribution(runs: pl.DataFrame) -> Sheet | None:
         named = [e for e in order(runs) if e in parents]
         rows += [[e, controller, *_row(texts, e)] for e in named + sorted(parents - set(named))]
     return Sheet(["estimator", "controller", *PARTS.values()], rows)
+
+
+def found(runs: pl.DataFrame) -> Sheet | None:
+    """What estimators find beside the motion, a row for each; None if nobody finds anything."""
+    runs, rows = complete(whole(runs)), []
+    for name, unit, spec in FOUND:
+        columns = [f"shadow_{name}_{what}_{unit}" for what in ("rmse", "sheet_rmse", "final")]
+        columns += [f"shadow_{name}_coverage_percent"]
+        if not set(columns) <= set(runs.columns):
+            continue
+        means = runs.group_by("estimator").agg(pl.col(c).cast(pl.Float64).fill_nan(None).mean() for c in columns)
+        of = {e: figures for e, *figures in means.iter_rows() if figures[0] is not None}
+        specs = (spec, spec, "+" + spec, ".0f")
+        for e in order(runs):
+            if e in of:
+                texts = [number(x, s) for x, s in zip(of[e], specs, strict=True)]
+                rows.append([e, f"{name.replace('_', ' ')} {UNITS.get(unit, unit)}", *texts])
+    heads = ["estimator", "finds", "RMSE", "RMSE of the data sheet", "error at the end", "truth in the 95 % band %"]
+    return Sheet(heads, rows) if rows else None
 
 
 def ended_early(runs: pl.DataFrame) -> Sheet | None:

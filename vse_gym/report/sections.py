@@ -41,6 +41,11 @@ GAIN = (
     "are not in it. Drives that ended early count as far as they went."
 )
 BENIGN = "Drives that need no help. The truth's row is what the controller does of its own accord."
+FOUND = (
+    "Beside the motion, in shadow; means over drives. A stiffness is compared with the true axle's force over its slip "
+    "angle, where that is at least 0.3 deg. The data sheet is what anybody believes who finds nothing: its mass, its "
+    "tyres, a friction of 0.9 and no roll."
+)
 ATTRIBUTION = "Mean regret if the controller sees only a part of the estimate, and of the rest the true states."
 
 
@@ -65,6 +70,7 @@ def sections(runs: pl.DataFrame, summarised: pl.DataFrame) -> list[Section]:
         ("Price by cell", "Mean brake energy, mean speed lost.", details.price_by_cell(runs)),
         ("False interventions", BENIGN, details.false_interventions(runs)),
         ("Errors and consistency", CONSISTENCY, details.consistency(summarised)),
+        ("What else they find", FOUND, details.found(runs)),
         ("Tunings", "The file of settings that each estimator was given.", details.tunings(runs)),
     )
     return [Section(title, text, sheet) for title, text, sheet in found if sheet is not None]
