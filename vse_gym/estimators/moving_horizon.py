@@ -14,7 +14,7 @@ from vse_gym.models.tuning import tunable
 from vse_gym.noise import contamination
 from vse_gym.types import CHANNELS, INPUT_CHANNELS, Array, Estimate, Reading
 
-LOSSES = ("huber", "cauchy_gaussian", "least_squares")
+LOSSES = ("cauchy_gaussian", "huber", "least_squares")
 
 
 class Window(NamedTuple):
@@ -42,16 +42,16 @@ class MovingHorizonEstimator(Estimator):
     """The trajectory that fits the last readings best, outliers weighed down. Rao, Rawlings, Mayne (2003).
 
     Raises:
-        ValueError: If horizon or iterations are below 1, there is no such loss, the limit is not positive, or alpha lies
-            outside [1, 2].
+        ValueError: If horizon or iterations are below 1, there is no such loss, the limit is not positive, or alpha
+            lies outside [1, 2].
     """
 
     model: ModelTuning = field(default_factory=SingleTrackTuning)
     horizon: int = 10  # readings
     iterations: int = 2  # Gauss-Newton steps for each reading
-    loss: str = "huber"  # or "cauchy_gaussian" or "least_squares"
-    limit: float = tunable(1.345, 0.5, 10.0)  # where Huber's loss turns into a line [standard deviations]
-    alpha: float = 1.5  # characteristic exponent of the Cauchy-Gaussian loss, 2 is Gaussian [-]
+    loss: str = "cauchy_gaussian"  # or "huber" or "least_squares"
+    alpha: float = tunable(1.5, 1.0, 2.0)  # characteristic exponent of the Cauchy-Gaussian loss, 2 is Gaussian [-]
+    limit: float = 1.345  # where Huber's loss turns into a line [standard deviations]
 
     def __post_init__(self) -> None:
         contamination(self.alpha)
@@ -75,14 +75,13 @@ class MovingHorizonEstimator(Estimator):
     def init(self, nominal: Nominal, rng: np.random.Generator) -> Window:
         model: Any = self.model.build(nominal)
         mean, cov = model.prior_mean, model.prior_cov
-        nothing = [np.empty((0, len(channels))) for channels in (INPUT_CHANNELS, CHANNELS, CHANNELS)]
+        inputs, readings = np.empty((0, len(INPUT_CHANNELS))), np.empty((0, len(CHANNELS)))
+        window = mean[None].copy(), inputs, readings, readings
         output = np.array([*mean[:3], 0.0, 0.0, math.nan, 0.0])
-        return Window(hold((self.rule, model)), mean, cov, mean[None].copy(), *nothing, model.memory, cov, output)
+        return Window(hold((self.rule, model)), mean, cov, *window, model.memory, cov, output)
 
     def update(self, state: Window, reading: Reading, rng: np.random.Generator) -> Window:
-        return Window(
-            state.constants, *moving_horizon_update(*state[:-2], reading.inputs, reading.y)
-        )
+        return Window(state.constants, *moving_horizon_update(*state[:8], reading.inputs, reading.y))
 
     def estimate(self, state: Window) -> Estimate:
         vx, vy, yaw_rate, ax, ay, _, _ = state.output.tolist()

@@ -48,8 +48,8 @@ class InteractingMultipleModel(Estimator):
 
     model: ModelTuning = field(default_factory=SingleTrackTuning)
     frictions: tuple[float, ...] = (0.9, 0.3)  # one per mode [-]
-    shares: tuple[float, ...] = (0.8, 0.2)  # of each friction in the long run, and at the start; summing to one [-]
-    switching: float = tunable(0.5, 0.02, 20.0)  # how often the road is drawn anew [1/s]
+    shares: tuple[float, ...] = (0.9, 0.1)  # of each friction in the long run, and at the start; summing to one [-]
+    switching: float = tunable(2.0, 0.02, 20.0)  # how often the road is drawn anew [1/s]
     rule: str = "extended"  # or "unscented"
 
     def __post_init__(self) -> None:

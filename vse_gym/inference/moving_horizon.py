@@ -38,7 +38,7 @@ class Huber(NamedTuple):
 
 
 class CauchyGaussian(NamedTuple):
-    """The negative log density of the noise law of Qin et al. (2014), whose Cauchy part's scale is sigma over sqrt 2."""
+    """The negative log density of the noise law of Qin et al. (2014): the Cauchy part's scale is sigma over sqrt 2."""
 
     share: float  # of the Cauchy part [-]
 

@@ -7,18 +7,22 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.model import advance, attend, heed, observe, report
-from vse_gym.models.single_track import SingleTrack
-from vse_gym.types import CHANNELS, Array
+from vse_gym.models.single_track import Commanded, SingleTrack, _forces, commanded, read_extras, read_motion
+from vse_gym.types import CHANNELS, Y_AX, Y_AY, Array
 
 LOWEST, HIGHEST = 0.05, 1.2  # a friction outside is taken as the nearer of them [-]
 
 
 class FrictionSingleTrack(NamedTuple):
-    """The single track of every column's own friction. State: vx, vy [m/s], yaw rate [rad/s], friction [-].
+    """The single track, each column on a road of its own. State: vx, vy [m/s], yaw rate [rad/s], friction [-].
+
+    Friction is what tyres bear across. What they bear along goes by the friction that was told: torques are heeded by
+    what the accelerometer feels of them, and a road that bears less than they promise could not be told from a mass
+    that is greater than the nominal one.
 
     Friction walks at random, and what it departs from the friction that was told decays: on the straight no reading
-    tells one friction from another, and the doubt would grow without end. The decay does for every instant what a
-    pseudo-measurement would do for some: Ornstein, Uhlenbeck (1930).
+    tells one friction from another, and the doubt would grow without end. The decay does at every instant what a
+    pseudo-measurement of the told friction would do now and then: Ornstein, Uhlenbeck (1930).
     """
 
     car: SingleTrack  # with the friction that was told
@@ -53,67 +57,57 @@ def within(friction):
 
 
 @compiled
-def on_road(model, friction):
-    """The single track on a road of this friction."""
-    car = model.car
-    return SingleTrack(
-        car.mass,
-        car.yaw_inertia,
-        car.lf,
-        car.lr,
-        car.height,
-        car.track_front,
-        car.track_rear,
-        car.wheel_radius,
-        car.stiffness_front,
-        car.stiffness_rear,
-        within(friction),
-        car.brake_moment,
-        car.slip,
-        car.brake_slip,
-        car.brake_hold,
-        car.brake_margin,
-        car.dt,
-        car.prior_mean,
-        car.prior_cov,
-        car.process_cov,
-        car.variances,
-        car.memory,
+def on_road(c, told, friction):
+    """What the inputs determine on the told friction, for tyres that bear across what this friction lets them."""
+    ratio = within(friction) / told
+    return Commanded(
+        c.cos_steer,
+        c.sin_steer,
+        c.front,
+        c.rear,
+        c.moment,
+        c.slope_front / ratio,
+        c.slope_rear / ratio,
+        c.peak_front * ratio,
+        c.peak_rear * ratio,
+        c.per_mass,
+        c.per_inertia,
     )
-
-
-@compiled
-def column_of(states, j, out):
-    """Motion of column j, into ``out`` (3, 1)."""
-    for i in range(3):
-        out[i, 0] = states[i, j]
 
 
 @advance.register(FrictionSingleTrack)
 @compiled
 def _(model, states, u):
-    out, motion = np.empty_like(states), np.empty((3, 1))
-    told = within(model.car.friction)
+    # Heun's method, as of the single track
+    car, h, told = model.car, model.car.dt, model.car.friction
+    c = commanded(car, u)
+    out = np.empty_like(states)
     for j in range(states.shape[1]):
-        column_of(states, j, motion)
-        car = on_road(model, states[3, j])
-        moved = advance(car, motion, u)
-        for i in range(3):
-            out[i, j] = moved[i, 0]
-        out[3, j] = told + model.remaining * (within(states[3, j]) - told)
+        vx, vy, r = states[0, j], states[1, j], states[2, j]
+        road = on_road(c, told, states[3, j])
+        ax, ay, dr = _forces(car, road, vx, vy, r)
+        dvx, dvy = ax + vy * r, ay - vx * r
+        wx, wy, q = vx + h * dvx, vy + h * dvy, r + h * dr
+        ax, ay, dq = _forces(car, road, wx, wy, q)
+        out[0, j] = vx + 0.5 * h * (dvx + ax + wy * q)
+        out[1, j] = vy + 0.5 * h * (dvy + ay - wx * q)
+        out[2, j] = r + 0.5 * h * (dr + dq)
+        out[3, j] = within(told) + model.remaining * (within(states[3, j]) - within(told))
     return out
 
 
 @observe.register(FrictionSingleTrack)
 @compiled
 def _(model, states, u):
-    out, motion = np.empty((len(CHANNELS), states.shape[1])), np.empty((3, 1))
+    car = model.car
+    c = commanded(car, u)
+    out = np.empty((len(CHANNELS), states.shape[1]))
     for j in range(states.shape[1]):
-        column_of(states, j, motion)
-        car = on_road(model, states[3, j])
-        read = observe(car, motion, u)
-        for i in range(read.shape[0]):
-            out[i, j] = read[i, 0]
+        vx, vy, r = states[0, j], states[1, j], states[2, j]
+        road = on_road(c, car.friction, states[3, j])
+        out[Y_AX, j], out[Y_AY, j], _ = _forces(car, road, vx, vy, r)
+        read_motion(car, c.cos_steer, c.sin_steer, vx, vy, r, out, j)
+    read_extras(model.variances, states, out)
     return out
 
 
@@ -132,5 +126,6 @@ def _(model, memory, u, y):
 @report.register(FrictionSingleTrack)
 @compiled
 def _(model, state, u):
-    car = on_road(model, state[3])
-    return report(car, state[:3], u)
+    road = on_road(commanded(model.car, u), model.car.friction, state[3])
+    ax, ay, _ = _forces(model.car, road, state[0], state[1], state[2])
+    return np.array([state[0], state[1], state[2], ax, ay])
