@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from vse_gym.catalogue import ESTIMATORS
+from vse_gym.estimators.gaussian import Gate
 from vse_gym.inference.model import advance, attend, observe
 from vse_gym.models import Nominal, SingleTrackTuning
 from vse_gym.sensors import FITTED, LOUD
 from vse_gym.simulation import rollout, scenario
-from vse_gym.types import U_STEER, Reading
+from vse_gym.types import U_STEER, Y_YAW_RATE, Reading
 from vse_gym.vehicles import load
 
 FINDERS = ["imm", "ukf_friction"]
@@ -102,12 +103,26 @@ def test_with_a_friction_that_is_known_the_fourth_state_changes_nothing(nominal)
     # Three states' points lie sqrt(3) deviations out; with kappa = -1 so do four states', and the weights of the two
     # points that have become the centre make up for the centre's.
     readings = own_drive(nominal, 0.9, weaving, 3.0)
-    ours = said(ESTIMATORS.make("ukf_friction", model=TRUST, noise=0.0, prior=0.0, kappa=-1.0), nominal, readings)
+    known = {"noise": 0.0, "prior": 0.0, "kappa": -1.0, "gate": Gate()}
+    ours = said(ESTIMATORS.make("ukf_friction", model=TRUST, **known), nominal, readings)
     theirs = said(ESTIMATORS.make("ukf", model=TRUST), nominal, readings)
     for mine, other in zip(ours, theirs, strict=True):
         np.testing.assert_allclose(mine[:5], other[:5], rtol=1e-8, atol=1e-8)  # rounding, over three hundred steps
         np.testing.assert_allclose(mine.cov, other.cov, rtol=1e-7, atol=1e-10)
         assert mine.friction == pytest.approx(0.9, abs=1e-9) and mine.friction_std < 1e-9
+
+
+def test_a_gyro_that_goes_wild_for_a_moment_is_not_taken_for_a_slippery_road(nominal):
+    clean = own_drive(nominal, 0.9, weaving, 3.0)
+    wild = own_drive(nominal, 0.9, weaving, 3.0)
+    for reading in wild[200:203]:
+        reading.y[Y_YAW_RATE] += 2.0
+    moved = {}
+    for gate in (Gate(0.999), Gate()):
+        estimator = ESTIMATORS.make("ukf_friction", gate=gate)
+        pair = [np.array([(e.vy, e.friction) for e in said(estimator, nominal, heard)]) for heard in (clean, wild)]
+        moved[gate] = np.abs(pair[0] - pair[1]).max(axis=0)
+    assert np.all(moved[Gate(0.999)] < 0.2 * moved[Gate()])
 
 
 @pytest.fixture(scope="module")

@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from vse_gym.compiled import hold
 from vse_gym.estimators.base import Estimator
-from vse_gym.estimators.gaussian import GaussianState
-from vse_gym.inference.gaussian import Unscented, filter_update
+from vse_gym.estimators.gaussian import Gate, GaussianState
+from vse_gym.inference.gaussian import Gated, Unscented, filter_update
 from vse_gym.models import Nominal, SingleTrackTuning
 from vse_gym.models.single_track_friction import with_friction, within
 from vse_gym.models.tuning import tunable
@@ -33,6 +34,8 @@ class FrictionUnscentedKalmanFilter(Estimator):
     alpha: float = 1.0  # spread of the points [-]
     beta: float = 2.0  # 2 suits a Gaussian [-]
     kappa: float = 0.0
+    # An outlier that throws the car sideways is soon taken for a slippery road, and nothing calls it back from there.
+    gate: Gate = field(default=Gate(0.999), kw_only=True)
 
     def __post_init__(self) -> None:
         if not (0 <= self.noise < math.inf and 0 <= self.prior < math.inf and self.decay > 0):
@@ -43,9 +46,11 @@ class FrictionUnscentedKalmanFilter(Estimator):
 
     def init(self, nominal: Nominal, rng: np.random.Generator) -> GaussianState:
         model = with_friction(self.model.build(nominal), float(self.noise), float(self.prior), float(self.decay))
+        rule: Any = Unscented(float(self.alpha), float(self.beta), float(self.kappa))
+        if self.gate.passing < 1:
+            rule, model = Gated(rule, self.gate.limit, self.gate.readings(nominal)), self.gate.remembered(model)
         output = np.array([*model.prior_mean[:3], 0.0, 0.0, np.nan, 0.0])
         belief = np.concatenate((model.prior_mean, model.prior_cov.ravel(), model.memory, output))
-        rule = Unscented(float(self.alpha), float(self.beta), float(self.kappa))
         return GaussianState(hold((rule, model)), belief)
 
     def update(self, state: GaussianState, reading: Reading, rng: np.random.Generator) -> GaussianState:
