@@ -69,10 +69,11 @@ class TripleLaneChange(Followed):
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """Sideslip and distance from the line."""
+        away = largest(strayed(self.path(nominal.vehicle), log))
         return Verdict(
             (
                 Criterion("largest sideslip", math.degrees(log.peak_sideslip), 10, "deg"),
-                Criterion("largest distance from the line", largest(strayed(self.path(nominal.vehicle), log)), 1.0, "m"),
+                Criterion("largest distance from the line", away, 1.0, "m"),
                 Criterion("largest lateral acceleration", largest(log.truth[:, p.AY]), 9.81, "m/s2", judged=False),
             )
         )
