@@ -242,8 +242,8 @@ NOTES = [
     "takes the tested gyro, unfiltered: the text filters ay alone, and has no other use for a tested yaw rate.",
     "Fusion is this project's reading of Cheng, Li, Chen (2018): the square-root cubature filter on the same linear "
     "bicycle, its noise found by window matching, and a complementary filter with the same kinematic scheme.",
-    "The largest errors of switching are the gyro's outliers: its dynamic scheme takes the gyro raw, fusion's weighs it "
-    "down by its adaptation. With the tested gyro in both schemes the largest error falls, see the parts.",
+    "The largest errors of switching are the gyro's outliers: its dynamic scheme takes the gyro raw, fusion's weighs "
+    "it down by its adaptation. With the tested gyro in both schemes the largest error falls, see the parts.",
     "The stiffness of the model's axles is not in print. Told the car's own, the linear bicycle is right to a few "
     "hundredths of a degree in these drives (57 % of the grip at most on mu 0.35), and an integral of the gyro's noise "
     "of 1 deg/s is not.",
