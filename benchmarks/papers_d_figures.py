@@ -22,6 +22,7 @@ def draw(heard: Heard, title: str, path: Path) -> None:
             log.time, 0, 1, where=kinematic, transform=axis.get_xaxis_transform(), color="0.88", linewidth=0
         )
         axis.grid(alpha=0.3)
+        axis.margins(y=0.18)  # room for the legend
     axes[0].plot(log.time, DEG * log.sideslip, "k", linewidth=1.5, label="true")
     for name, colour in COLOURS.items():
         error = sideslip_error(log, heard.traces[name])
