@@ -65,6 +65,7 @@ MANOEUVRES: Registry[Any] = Registry(
         "straight_driving": "vse_gym.manoeuvres.straight_driving:StraightDriving",
         "held_steer": "vse_gym.manoeuvres.held_steer:HeldSteer",
         "double_lane_change": "vse_gym.manoeuvres.double_lane_change:DoubleLaneChange",
+        "triple_lane_change": "vse_gym.manoeuvres.triple_lane_change:TripleLaneChange",
         "obstacle_avoidance": "vse_gym.manoeuvres.obstacle_avoidance:ObstacleAvoidance",
         "slalom": "vse_gym.manoeuvres.slalom:Slalom",
         "split_friction_braking": "vse_gym.manoeuvres.split_friction_braking:SplitFrictionBraking",
