@@ -31,7 +31,7 @@ from vse_gym.models.nominal import Nominal
 from vse_gym.models.single_track import attend_wheels, read_extras
 from vse_gym.models.tuning import tunable
 from vse_gym.physics.parameters import GRAVITY, RollingBody, Vehicle
-from vse_gym.types import Y_AX, Y_AY, Y_ROLL_RATE, Y_WHEEL, WHEELS, Array
+from vse_gym.types import WHEELS, Y_AX, Y_AY, Y_ROLL_RATE, Y_WHEEL, Array
 
 # What ``heed`` and ``recall`` put behind the double track's inputs: the slips at the begin of the step, kappa (4) and
 # tan(alpha) (4), and which share of the way to the steady slips tyres have gone, on the mean over the step along and
