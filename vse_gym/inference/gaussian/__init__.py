@@ -18,6 +18,7 @@ from vse_gym.inference.gaussian.recursion import (
 )
 from vse_gym.inference.gaussian.sage_husa import SageHusa, untaught
 from vse_gym.inference.gaussian.square_root import SquareRootUnscented, failed_downdates
+from vse_gym.inference.gaussian.strong_tracking import StrongTracking, fading_factors
 from vse_gym.inference.gaussian.unscented import Unscented
 
 __all__ = [
@@ -27,11 +28,13 @@ __all__ = [
     "HeavyTailed",
     "SageHusa",
     "SquareRootUnscented",
+    "StrongTracking",
     "Unscented",
     "believe",
     "cauchy_rungs",
     "correct",
     "covariance",
+    "fading_factors",
     "failed_downdates",
     "filter_drive",
     "filter_step",
