@@ -67,9 +67,7 @@ class SigmaParticleFilter(Estimator):
     model: ModelTuning = TUNING
     size: int = 100  # N
     widening: float = tunable(1.0, 1.0, 2.0)  # c: of the proposal's covariance [-]
-    carried: float = tunable(
-        1.0, 0.0, 1.0
-    )  # of a particle's deviation, what its next step starts from; 1 as published [-]
+    carried: float = tunable(1.0, 0.0, 1.0)  # of a particle's deviation, what its next step has; 1 as published [-]
     alpha: float = 1.5  # characteristic exponent of the likelihood's noise, 2 is Gaussian; proposals are Gaussian [-]
     heavy: tuple[str, ...] = ("ax", "ay", "yaw_rate", "roll_rate")  # channels with such noise; others are Gaussian
     resample_below: float = 0.5  # effective sample size over N [-]
