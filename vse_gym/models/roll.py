@@ -108,7 +108,10 @@ class RollTrack(NamedTuple):
     variances: Array  # of the channels, without wheel slip; NaN: not used; (10,)
     memory: Array  # as of the double track, the lagged slips and the forward speed; (14,)
 
-    found = {"roll_rate": 3, "roll": 4}  # noqa: RUF012 (no field) what estimators report beside the motion, and where
+    @property
+    def found(self) -> dict[str, int]:
+        """What estimators report beside the motion, and where in the state it is."""
+        return {"roll_rate": 3, "roll": 4}
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,7 @@ class RollTrackTuning(DoubleTrackTuning):
     roll_prior: float = 0.01  # [rad]
     speedometer: bool = True  # whether rolling wheels are read for the speed; False: z = [ax, ay, p, r], as published
 
-    def build(self, nominal: Nominal) -> RollTrack:
+    def build(self, nominal: Nominal) -> RollTrack:  # type: ignore[override]
         """The model of a nominal car with this trust."""
         like = DoubleTrackTuning(**{f.name: getattr(self, f.name) for f in fields(DoubleTrackTuning)}).build(nominal)
         doubt = 1.0 if isinstance(nominal.vehicle.body, RollingBody) else RIGID_DOUBT
