@@ -166,8 +166,13 @@ def gain(here: Array, other: Array) -> Median:
 
 def tuned(system: str, name: str) -> Estimator:
     """An estimator with the tuning found for a system's experiment, or its default if none was searched."""
-    path = TUNINGS / f"{system}_{name}.toml"
+    path = _file(system, name)
     return Tuning.load(path).make() if path.exists() else default_of(name)
+
+
+def _file(system: str, name: str) -> Path:
+    """Of an estimator's tuning; one of the experiment's own, module:name, by its name."""
+    return TUNINGS / f"{system}_{name.rpartition(':')[2]}.toml"
 
 
 def tune_for(system: str, name: str, drive: Drive, loss: Loss, budget: int, jobs: int = 1) -> Path | None:
@@ -202,7 +207,7 @@ def tune_for(system: str, name: str, drive: Drive, loss: Loss, budget: int, jobs
         "budget": budget,
         "finished": len(whole),
     }
-    path = TUNINGS / f"{system}_{name}.toml"
+    path = _file(system, name)
     Tuning.of(name, changed(default, best.values), origin).save(path)
     return path
 

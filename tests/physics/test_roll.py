@@ -24,6 +24,8 @@ from vse_gym.physics.double_track import (
 )
 from vse_gym.physics.reference import advance_reference, unsteady_contact
 from vse_gym.physics.roll import accelerations
+from vse_gym.simulation import rollout, scenario
+from vse_gym.types import Y_AY, Y_ROLL_RATE
 from vse_gym.vehicles import load
 
 CAR = load("wei2019_roll")
@@ -311,6 +313,13 @@ def test_a_car_that_stands_on_a_bank_leans_down_and_feels_gravity_in_its_own_axe
     assert state[p.ROLL] == pytest.approx(lean, rel=1e-3)  # the left side is higher: to the right
     assert state[p.AY] == pytest.approx(p.GRAVITY * math.sin(state[p.ROLL] + bank), abs=1e-3)
     assert abs(state[p.VY]) < 1e-4
+
+
+def test_a_drive_with_a_roll_gyro_reads_what_the_body_does():
+    log = rollout(scenario("sine_steer", "wei2019_roll", "clean+roll_rate", duration=3.0), "truth", "none", 0)
+    np.testing.assert_array_equal(log.readings[:, Y_ROLL_RATE], log.truth[:, p.ROLL_RATE])
+    np.testing.assert_array_equal(log.readings[:, Y_AY], log.truth[:, p.AY])
+    assert np.abs(log.truth[:, p.ROLL]).max() > math.radians(2)
 
 
 def test_the_default_step_takes_springs_of_any_stiffness():
