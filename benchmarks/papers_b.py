@@ -221,8 +221,8 @@ def notes() -> list[str]:
         "80 km/h, friction 0.85, both told: ISO 3888-1 double lane change; three periods of 2 s, 40 deg of hand wheel",
         "sensors: the loud suite and a roll gyro; the same noise as a Cauchy-Gaussian mixture of alpha 1.3",
         "z = [ax, ay, p, r]; wheel speeds are inputs; both particle filters weigh by the mixture of alpha 1.5",
-        "one tuning for all four drives, searched with 100 particles; 'as published' is each filter's default, in "
-        "which a particle's next step starts from all of its filter's covariance (carried = 1)",
+        "one tuning for all four drives, searched with 100 particles; 'as published' is each filter untuned, a "
+        "particle's next step from all of its filter's covariance (carried = 1): where the search began, free to stay",
         "an accuracy claim takes each seed's mean over the four drives, of 50 and 200 particles over the lane changes; "
         "times are of one process, in turn",
     ]
