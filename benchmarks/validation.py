@@ -1,4 +1,4 @@
-"""How far the plant with seven degrees of freedom is from an independent one, CommonRoad's multi-body car.
+"""How far the plant with seven or eight degrees of freedom is from an independent one, CommonRoad's multi-body car.
 
     python benchmarks/validation.py                       the tables
     python benchmarks/validation.py --figures folder      and a picture of every car's drives
@@ -25,6 +25,7 @@ import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
+from validation_roll import own_car, with_roll, with_the_librarys_body
 from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
 
 from vse_gym.manoeuvres.base import DEG, KMH, Manoeuvre
@@ -98,7 +99,7 @@ def drive_multibody(car: p.Vehicle, manoeuvre: Manoeuvre, offsets: bool = False)
 
 
 def drive_double_track(car: p.Vehicle, road: p.Road, speed: float, inputs: list[p.Inputs]) -> Array:
-    """The states of the plant with seven degrees of freedom under the same inputs, (steps + 1, STATE_SIZE)."""
+    """The states of our plant under the same inputs, (steps + 1, STATE_SIZE)."""
     states = [rolling_start(car, speed)]
     for held in inputs:
         states.append(advance(car, road, states[-1], held, round(DT / SUBSTEP), SUBSTEP))
@@ -113,6 +114,7 @@ def signals(states: Array) -> dict[str, Array]:
         "sideslip": np.arctan2(states[:, p.VY], states[:, p.VX]) / DEG,
         "ax": states[:, p.AX],
         "speed": states[:, p.VX],
+        "roll": states[:, p.ROLL] / DEG,
     }
 
 
@@ -123,18 +125,20 @@ class Pair(NamedTuple):
     kind: str
     multibody: dict[str, Array]
     double_track: dict[str, Array]
+    rolling: dict[str, Array]  # the same with a body on the library's springs
 
     def peak(self, signal: str) -> float:
         """Largest absolute value in the multi-body."""
         return float(np.abs(self.multibody[signal]).max())
 
-    def rmse(self, signal: str) -> float:
+    def rmse(self, signal: str, rolling: bool = False) -> float:
         """Root mean square of the difference."""
-        return float(np.sqrt(np.mean((self.double_track[signal] - self.multibody[signal]) ** 2)))
+        ours = self.rolling if rolling else self.double_track
+        return float(np.sqrt(np.mean((ours[signal] - self.multibody[signal]) ** 2)))
 
-    def nrmse(self, signal: str) -> float:
+    def nrmse(self, signal: str, rolling: bool = False) -> float:
         """The same over the peak [%]."""
-        return 100 * self.rmse(signal) / self.peak(signal)
+        return 100 * self.rmse(signal, rolling) / self.peak(signal)
 
     def reached(self, signal: str) -> bool | None:
         """Whether the target is reached; None where none applies."""
@@ -151,7 +155,8 @@ def pairs() -> Iterator[Pair]:
             manoeuvre = manoeuvre_of(kind, car)
             inputs, ours = drive_multibody(car, manoeuvre)
             others = drive_double_track(car, manoeuvre.road(), manoeuvre.speed, inputs)
-            yield Pair(name, kind, signals(ours), signals(others))
+            leaning = drive_double_track(with_the_librarys_body(name), manoeuvre.road(), manoeuvre.speed, inputs)
+            yield Pair(name, kind, signals(ours), signals(others), signals(leaning))
 
 
 def below_the_limit(console: Console, all_pairs: list[Pair]) -> bool:
@@ -276,7 +281,8 @@ def main(
     """Compare the two plants and print it."""
     console = Console()
     all_pairs = list(pairs())
-    good = [below_the_limit(console, all_pairs), at_the_limit(console)]
+    good = [below_the_limit(console, all_pairs), own_car(console), at_the_limit(console)]
+    with_roll(console, all_pairs)
     offsets(console)
     good.append(speed(console))
     if figures is not None:

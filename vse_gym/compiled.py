@@ -144,15 +144,16 @@ class GenericFunction(Generic[P, R]):
         self.bodies: dict[type, Callable[..., R]] = {}
 
     def body(self, kind: type) -> Callable[..., R]:
-        """The body registered for a type.
+        """The body registered for a type, or for the nearest one that it derives from: ``object`` is every type's.
 
         Raises:
             TypeError: If there is none; the message names those that have one.
         """
-        if kind not in self.bodies:
-            known = ", ".join(sorted(k.__name__ for k in self.bodies)) or "none yet"
-            raise TypeError(f"{self.declaration.__name__}() is not registered for {kind.__name__}; known: {known}")
-        return self.bodies[kind]
+        for ancestor in kind.__mro__:
+            if ancestor in self.bodies:
+                return self.bodies[ancestor]
+        known = ", ".join(sorted(k.__name__ for k in self.bodies)) or "none yet"
+        raise TypeError(f"{self.declaration.__name__}() is not registered for {kind.__name__}; known: {known}")
 
     def register(self, kind: type) -> Callable[[Callable[..., R]], Callable[..., R]]:
         """Decorator: use this compiled function when the first argument is a ``kind`` (a NamedTuple class)."""

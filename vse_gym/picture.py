@@ -12,7 +12,7 @@ from vse_gym.metrics import sideslip_std
 from vse_gym.physics import parameters as p
 from vse_gym.picture_path import draw_path
 from vse_gym.simulation import Scenario
-from vse_gym.types import SLOW, Log
+from vse_gym.types import SLOW, Y_ROLL_RATE, Log
 
 WHEELS = ("front left", "front right", "rear left", "rear right")
 TRUE, SEEN, WANTED = "black", "C1", "C0"
@@ -29,7 +29,7 @@ def reference_yaw_rate(log: Log, scenario: Scenario) -> np.ndarray:
 
 
 def draw(log: Log, scenario: Scenario, title: str, path: str | Path) -> None:
-    """Path, sideslip true and estimated with its 95 % band, yaw rate and reference, brakes, steering, readings.
+    """Path, sideslip true and estimated with its 95 % band, yaw rate and reference, brakes, steering, readings, roll.
 
     Raises:
         ModuleNotFoundError: If matplotlib, of the extra [report], is not installed.
@@ -37,10 +37,12 @@ def draw(log: Log, scenario: Scenario, title: str, path: str | Path) -> None:
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13, 8.5), layout="constrained")
-    figure.suptitle(title, fontsize=11)
     rows: Any = [["path", "path"], ["sideslip", "yaw"], ["brakes", "speed"], ["readings", "gyro"]]
-    grid = figure.subplot_mosaic(rows, height_ratios=[1.2, 1, 1, 1])
+    if rolls := bool(np.any(log.truth[:, p.ROLL])):
+        rows.append(["roll", "swing"])
+    figure = Figure(figsize=(13, 2 * len(rows) + 0.5), layout="constrained")
+    figure.suptitle(title, fontsize=11)
+    grid = figure.subplot_mosaic(rows, height_ratios=[1.2] + [1] * (len(rows) - 1))
     draw_path(grid["path"], log, scenario)
     _sideslip(grid["sideslip"], log)
     t, deg = log.time, 180 / math.pi
@@ -59,6 +61,11 @@ def draw(log: Log, scenario: Scenario, title: str, path: str | Path) -> None:
     axes.set_ylabel("forward speed [km/h]")
     _readings(grid["readings"], t, log.readings[:, 1], log.truth[:, p.AY], "lateral acceleration [m/s²]")
     _readings(grid["gyro"], t, deg * log.readings[:, 2], deg * log.truth[:, p.YAW_RATE], "gyro [deg/s]")
+    if rolls:
+        grid["roll"].plot(t, deg * log.truth[:, p.ROLL], color=TRUE, label="true, positive leans right")
+        grid["roll"].set_ylabel("roll [deg]")
+        true, heard = deg * log.truth[:, p.ROLL_RATE], deg * log.readings[:, Y_ROLL_RATE]
+        _readings(grid["swing"], t, heard, true, "roll rate [deg/s]")
     for name, axes in grid.items():
         axes.grid(alpha=0.3)
         if name == "path":  # beside the title, out of the way

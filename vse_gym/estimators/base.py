@@ -1,12 +1,24 @@
 """What every estimator is."""
 
+import math
 from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
 
 from vse_gym.models import Nominal
-from vse_gym.types import Estimate, Reading
+from vse_gym.types import Array, Estimate, Reading
+
+
+def found(model: Any, mean: Array, cov: Array) -> dict[str, float]:
+    """Fields of the estimate that a model's further states fill, with their standard deviations.
+
+    A model names them in ``found``, a dictionary of fields and places in its state; most have none.
+    """
+    out = {}
+    for name, i in getattr(model, "found", {}).items():
+        out[name], out[f"{name}_std"] = float(mean[i]), math.sqrt(max(0.0, cov[i, i]))
+    return out
 
 
 class Estimator(ABC):

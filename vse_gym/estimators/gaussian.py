@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from vse_gym.compiled import hold
-from vse_gym.estimators.base import Estimator
+from vse_gym.estimators.base import Estimator, found
 from vse_gym.inference.gaussian import (
     Cubature,
     Extended,
@@ -112,8 +112,12 @@ class GaussianFilter(Estimator):
     def rule(self) -> Any:
         """How a Gaussian passes through a function, one of the rules of ``inference.gaussian``."""
 
+    def remembered(self, model: Any) -> Any:
+        """The model with room for what the rule remembers; most remember nothing."""
+        return model
+
     def init(self, nominal: Nominal, rng: np.random.Generator) -> GaussianState:
-        model, rule = self.model.build(nominal), self.rule
+        model, rule = self.remembered(self.model.build(nominal)), self.rule
         if self.gate.passing < 1:
             rule, model = Gated(rule, self.gate.limit, self.gate.readings(nominal)), self.gate.remembered(model)
         mean = model.prior_mean
@@ -128,7 +132,8 @@ class GaussianFilter(Estimator):
 
     def estimate(self, state: GaussianState) -> Estimate:
         vx, vy, yaw_rate, ax, ay, _, _ = state.output.tolist()
-        return Estimate(vx, vy, yaw_rate, ax, ay, state.cov[:3, :3])
+        model, cov = state.model, state.cov
+        return Estimate(vx, vy, yaw_rate, ax, ay, cov[:3, :3], **found(model, state.belief, cov))
 
     def innovation(self, state: GaussianState) -> tuple[float, float]:
         return float(state.output[5]), float(state.output[6])

@@ -26,7 +26,7 @@ TUNING = SingleTrackTuning(
 
 
 @lru_cache(maxsize=64)
-def _shares(share: float, heavy: tuple[str, ...]) -> Array:
+def cauchy_shares(share: float, heavy: tuple[str, ...]) -> Array:
     """Cauchy share of each channel, (10,)."""
     return np.array([share * (name in heavy) for name in CHANNELS])
 
@@ -89,7 +89,7 @@ class BootstrapParticleFilter(Estimator):
                 memory,
                 reading.inputs,
                 reading.y,
-                _shares(self.cauchy_share, self.heavy),
+                cauchy_shares(self.cauchy_share, self.heavy),
                 float(self.resample_below),
                 rng,
             ),

@@ -7,7 +7,7 @@ import numpy as np
 from vse_gym.compiled import compiled
 from vse_gym.inference.gaussian.sigma_points import channels_used, gain_step, rows_of
 from vse_gym.inference.linalg import backward_solve, cholesky
-from vse_gym.inference.model import advance, attend, heed, observe, report
+from vse_gym.inference.model import advance, attend, heed, observe, recall, remember, report
 from vse_gym.inference.particle import diffuse
 
 
@@ -55,7 +55,7 @@ def ensemble_step(held, states, memory, u, y, inflation, rng):
     """
     model = held.value
     n, size = states.shape
-    u = heed(model, u, y)
+    u = recall(model, memory, heed(model, u, y))
     states = advance(model, states, u)
     diffuse(states, model.process_cov, rng)
     mean = row_means(states)
@@ -88,6 +88,7 @@ def ensemble_step(held, states, memory, u, y, inflation, rng):
                     states[i, j] += gain[i, k] * values[k, j]
         mean = row_means(states)
     cov = sample_cov(states, mean, states, mean)
+    memory = remember(model, memory, mean, u)
     reported = report(model, mean, u)
     output = np.empty(7)
     for i in range(5):

@@ -40,6 +40,26 @@ def heed(model, u, y):
 
 
 @generic
+def recall(model, memory, u):
+    """The held inputs, as :func:`heed` gives them, with what ``advance`` and ``observe`` need of the memory."""
+
+
+@recall.register(object)
+def _nothing_recalled(model, memory, u):
+    return u
+
+
+@generic
+def remember(model, memory, state, u):
+    """The memory one step on, of a model in which something lags behind the state: (n,), as it has been corrected."""
+
+
+@remember.register(object)
+def _nothing_remembered(model, memory, state, u):
+    return memory
+
+
+@generic
 def attend(model, memory, u, y):
     """Which channels to believe, and how far: noise variances (m,), NaN where a channel is not to be used, and the
     memory one step on. A channel whose reading is NaN must come back as NaN.

@@ -10,7 +10,7 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.linalg import cholesky
-from vse_gym.inference.model import advance, attend, heed, observe, report
+from vse_gym.inference.model import advance, attend, heed, observe, recall, remember, report
 
 
 @compiled
@@ -102,7 +102,7 @@ def bootstrap_step(model, states, weights, memory, u, y, share, resample_below, 
         output (6,): vx, vy, yaw rate, ax, ay and the effective sample size.
     """
     n, size = states.shape
-    u = heed(model, u, y)
+    u = recall(model, memory, heed(model, u, y))
     states = advance(model, states, u)
     diffuse(states, model.process_cov, rng)
     variances, memory = attend(model, memory, u, y)
@@ -140,6 +140,7 @@ def bootstrap_step(model, states, weights, memory, u, y, share, resample_below, 
                 # all: each stands for the noise that it was drawn with, too.
                 value += squares * model.process_cov[i, k]
             cov[i, k] = cov[k, i] = value
+    memory = remember(model, memory, mean, u)
     output = np.empty(6)
     output[:5] = report(model, mean, u)
     output[5] = 1 / squares

@@ -3,6 +3,7 @@
 from vse_gym.models.bicycle import LinearBicycle, LinearBicycleTuning
 from vse_gym.models.double_track import DoubleTrack, DoubleTrackTuning
 from vse_gym.models.nominal import DataSheet, Nominal
+from vse_gym.models.roll import RollTrack, RollTrackTuning
 from vse_gym.models.single_track import SingleTrack, SingleTrackTuning
 from vse_gym.models.tuning import ModelTuning
 
@@ -14,6 +15,8 @@ __all__ = [
     "LinearBicycleTuning",
     "ModelTuning",
     "Nominal",
+    "RollTrack",
+    "RollTrackTuning",
     "SingleTrack",
     "SingleTrackTuning",
 ]

@@ -100,15 +100,16 @@ class DoubleTrackTuning:
 
 
 # What the inputs alone determine of a wheel: columns of a table with a row each
-X, Y, COS, SIN, LOAD, TRANSFER, SPEED, SLIP = range(8)
+X, Y, COS, SIN, LOAD, TRANSFER, SPEED, SLIP, LAG_X, LAG_Y, GAIN_X, GAIN_Y = range(12)
 
 
 @compiled
-def _wheels(model, u):
-    """The table (4, 8): position, direction, load without and per lateral acceleration, circumference speed, NaN
-    where it is not known, and the slip that the torque would need then [m, -, N, N s2/m, m/s, -].
+def wheel_table(model, u):
+    """The table (4, 12): position, direction, load without and per lateral acceleration, circumference speed, NaN
+    where it is not known, and the slip that the torque would need then [m, -, N, N s2/m, m/s, -]; slips that a tyre has
+    come from, and how far it has come from there to its steady ones: all the way.
     """
-    car, table = model.vehicle, np.empty((4, 8))
+    car, table = model.vehicle, np.empty((4, 12))
     weight = model.friction * car.mass * GRAVITY
     total = 0.0
     for i in range(4):
@@ -126,24 +127,47 @@ def _wheels(model, u):
         limit = model.friction * load
         force = max(-limit, min(limit, (u[U_DRIVE + i] - u[U_BRAKE + i]) / car.wheel_radius))
         table[i, SLIP] = force / (car.front_tyre.slip_stiffness if i < 2 else car.rear_tyre.slip_stiffness)
+        table[i, LAG_X], table[i, LAG_Y], table[i, GAIN_X], table[i, GAIN_Y] = 0.0, 0.0, 1.0, 1.0
     return table
 
 
 @compiled
-def _forces(model, table, felt, vx, vy, yaw_rate):
-    """Specific forces ax, ay [m/s2] and yaw acceleration [rad/s2] of the double track."""
-    car = model.vehicle
+def steady_slips(model, table, i, vx, vy, yaw_rate):
+    """Slip ratio and tangent of the slip angle of wheel i [-]."""
+    c, s, px, py = table[i, COS], table[i, SIN], table[i, X], table[i, Y]
+    ux, uy = vx - yaw_rate * py, vy + yaw_rate * px
+    v = ux * c + uy * s
+    per_speed = 1 / max(abs(v), model.slowest)
+    kappa = table[i, SLIP] if math.isnan(table[i, SPEED]) else (table[i, SPEED] - v) * per_speed
+    return kappa, (ux * s - uy * c) * per_speed
+
+
+@compiled
+def turning(model, vx, yaw_rate):
+    """The lateral acceleration that moves load: the body leans with the turn, its lag is about the tyres' own [m/s2]."""
     limit = model.friction * GRAVITY
-    across = max(-limit, min(limit, vx * yaw_rate))  # the body leans with the turn: its lag is about the tyres' own
+    return max(-limit, min(limit, vx * yaw_rate))
+
+
+@compiled
+def tyre_forces(model, table, felt, vx, vy, yaw_rate, across):
+    """Sums of the tyres' forces over the mass, ax and ay [m/s2], and of their moments over the yaw inertia [rad/s2].
+
+    Args:
+        model: With vehicle, friction and slowest.
+        table: As of :func:`wheel_table`.
+        felt: Force that brakes may make in all [N].
+        vx, vy, yaw_rate: Of the car.
+        across: Lateral acceleration of which the load transfer is what the table says [m/s2].
+    """
+    car = model.vehicle
     along, along_x, along_y, along_turn = 0.0, 0.0, 0.0, 0.0  # of forces along the wheels
     side_x, side_y, side_turn = 0.0, 0.0, 0.0  # of forces across them
     for i in range(4):
         c, s, px, py = table[i, COS], table[i, SIN], table[i, X], table[i, Y]
-        ux, uy = vx - yaw_rate * py, vy + yaw_rate * px
-        v = ux * c + uy * s
-        per_speed = 1 / max(abs(v), model.slowest)
-        tan_alpha = (ux * s - uy * c) * per_speed
-        kappa = table[i, SLIP] if math.isnan(table[i, SPEED]) else (table[i, SPEED] - v) * per_speed
+        kappa, tan_alpha = steady_slips(model, table, i, vx, vy, yaw_rate)
+        kappa = table[i, LAG_X] + table[i, GAIN_X] * (kappa - table[i, LAG_X])
+        tan_alpha = table[i, LAG_Y] + table[i, GAIN_Y] * (tan_alpha - table[i, LAG_Y])
         load = max(0.0, table[i, LOAD] + table[i, TRANSFER] * across)
         if i < 2:
             fx, fy, mz, _ = tyre_force(car.front_tyre, kappa, tan_alpha, load, model.friction)
@@ -161,11 +185,17 @@ def _forces(model, table, felt, vx, vy, yaw_rate):
     return ax, ay, (share * along_turn + side_turn) / car.yaw_inertia
 
 
+@compiled
+def _forces(model, table, felt, vx, vy, yaw_rate):
+    """Specific forces ax, ay [m/s2] and yaw acceleration [rad/s2] of the double track."""
+    return tyre_forces(model, table, felt, vx, vy, yaw_rate, turning(model, vx, yaw_rate))
+
+
 @advance.register(DoubleTrack)
 @compiled
 def _(model, states, u):
     # Heun's method, as for the single track
-    table, h = _wheels(model, u), model.dt
+    table, h = wheel_table(model, u), model.dt
     out = np.empty_like(states)
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
@@ -183,25 +213,32 @@ def _(model, states, u):
     return out
 
 
+@compiled
+def read_wheels(car, table, u, vx, vy, r, out, j):
+    """As ``read_motion``, but a driven wheel turns faster than it rolls, by the slip that its force comes from."""
+    read_motion(car, table[0, COS], table[0, SIN], vx, vy, r, out, j)
+    for i in range(4):
+        if u[U_DRIVE + i] > BRAKING:
+            out[Y_WHEEL + i, j] *= 1 + table[i, SLIP]
+
+
 @observe.register(DoubleTrack)
 @compiled
 def _(model, states, u):
-    table = _wheels(model, u)
+    table = wheel_table(model, u)
     out = np.empty((10, states.shape[1]))
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
         out[Y_AX, j], out[Y_AY, j], _ = _forces(model, table, u[U_FELT], vx, vy, r)
-        read_motion(model.vehicle, table[0, COS], table[0, SIN], vx, vy, r, out, j)
-        for i in range(4):  # a driven wheel turns faster than it rolls, by the slip that its force comes from
-            if u[U_DRIVE + i] > BRAKING:
-                out[Y_WHEEL + i, j] *= 1 + table[i, SLIP]
+        read_wheels(model.vehicle, table, u, vx, vy, r, out, j)
     read_extras(model.variances, states, out)
     return out
 
 
 @heed.register(DoubleTrack)
 @compiled
-def _(model, u, y):
+def heed_wheels(model, u, y):
+    """``heed`` for models that take wheel speeds for inputs: (14,)."""
     # A wheel under torque is known by its slip. Of a free one, and of one whose sensor is silent, the torque says
     # more than the small difference of two large speeds would.
     out = np.empty(U_FELT + 1)
@@ -221,5 +258,5 @@ attend.register(DoubleTrack)(attend_wheels)
 @report.register(DoubleTrack)
 @compiled
 def _(model, state, u):
-    ax, ay, _ = _forces(model, _wheels(model, u), u[U_FELT], state[0], state[1], state[2])
+    ax, ay, _ = _forces(model, wheel_table(model, u), u[U_FELT], state[0], state[1], state[2])
     return np.array([state[0], state[1], state[2], ax, ay])

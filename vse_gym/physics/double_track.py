@@ -1,8 +1,8 @@
-"""The plant: a car with seven degrees of freedom and nonlinear tyres.
+"""The plant: a car with seven degrees of freedom, or eight if its body rolls, and nonlinear tyres.
 
 Equations: Qin, Li, Li, Cao (2014), doi:10.6041/j.issn.1000-1298.2014.10.004, in ISO axes, with three additions: load
 transfer follows the acceleration through a lag (the suspension's, and it breaks the algebraic loop), road slope and
-bank, and Coulomb brakes that can lock a wheel and hold a standing car.
+bank, and Coulomb brakes that can lock a wheel and hold a standing car. Roll stands in :mod:`vse_gym.physics.roll`.
 
 :func:`advance` is semi-implicit in each wheel's longitudinal slip velocity R w - vx, which is what makes wheels stiff
 at low speed: it is stable at 1 ms down to standstill. A Runge-Kutta method and unsteady tyres stand in
@@ -31,6 +31,7 @@ from vse_gym.physics.parameters import (
     X,
     Y,
 )
+from vse_gym.physics.roll import accelerations, felt, overturning, roll_on
 from vse_gym.physics.tyres import tyre_force
 
 SPEED_FLOOR = 0.5  # slip is taken relative to at least this speed [m/s]
@@ -64,9 +65,14 @@ def wheel_velocity(vehicle, i, vx, vy, yaw_rate, steer):
 @compiled
 def wheel_load(vehicle, i, ax, ay, gravity):
     """Vertical load of wheel i under specific forces ax, ay [m/s2], quasi-static, never negative [N]."""
+    return leaned_load(vehicle, i, ax, vehicle.mass * ay * vehicle.height, gravity)
+
+
+@compiled
+def leaned_load(vehicle, i, ax, across, gravity):
+    """The same under an overturning moment across the car [N m]."""
     wheelbase = vehicle.lf + vehicle.lr
     along = vehicle.mass * ax * vehicle.height / (2 * wheelbase)
-    across = vehicle.mass * ay * vehicle.height
     if i < 2:
         load = vehicle.mass * gravity * vehicle.lr / (2 * wheelbase) - along
         across *= vehicle.front_transfer / vehicle.track_front
@@ -94,6 +100,7 @@ def contact(vehicle, road, x, steer, wheels):
     here = segment(road, x[DISTANCE])
     gravity = GRAVITY * math.cos(road.slope[here]) * math.cos(road.bank[here])
     cos_steer, sin_steer = math.cos(steer), math.sin(steer)
+    leaning = overturning(vehicle.body, vehicle, x)
     for i in range(4):
         px, py = wheel_position(vehicle, i)
         c, s = (cos_steer, sin_steer) if i < 2 else (1.0, 0.0)
@@ -103,7 +110,7 @@ def contact(vehicle, road, x, steer, wheels):
         radius = vehicle.wheel_radius * (1 + vehicle.radius_error[i])
         kappa = (radius * x[WHEEL + i] - v) * base
         tan_alpha = (along * s - across * c) * base
-        load = wheel_load(vehicle, i, x[LOAD_AX], x[LOAD_AY], gravity)
+        load = leaned_load(vehicle, i, x[LOAD_AX], leaning, gravity)
         under = segment(road, x[DISTANCE] + px)
         friction = road.friction_left[under] if i % 2 == 0 else road.friction_right[under]
         if i < 2:
@@ -216,13 +223,16 @@ def advance(vehicle, road, state, inputs, steps, h):
     wheels = np.empty((4, CONTACT))
     for _ in range(steps):
         contact(vehicle, road, x, inputs.steer, wheels)
-        ax, ay, yaw_acceleration = specific_forces(vehicle, wheels)
+        fx, fy, mz = specific_forces(vehicle, wheels)
+        ax, ay, yaw_acceleration, _ = accelerations(vehicle.body, vehicle, x, fx, fy, mz, h)
         gx, gy = pull(road, x[DISTANCE])
         _settle_wheels(vehicle, x, inputs, h, ax + gx, ay + gy, yaw_acceleration, wheels)
-        ax, ay, yaw_acceleration = specific_forces(vehicle, wheels)
+        fx, fy, mz = specific_forces(vehicle, wheels)
+        ax, ay, yaw_acceleration, roll_acceleration = accelerations(vehicle.body, vehicle, x, fx, fy, mz, h)
         x[VX] += h * (ax + gx + x[VY] * x[YAW_RATE])
         x[VY] += h * (ay + gy - x[VX] * x[YAW_RATE])  # with the new vx: the turning of the axes keeps the speed
         x[YAW_RATE] += h * yaw_acceleration
+        roll_on(vehicle.body, x, roll_acceleration, h)
         yaw = x[YAW] + 0.5 * h * x[YAW_RATE]
         x[YAW] += h * x[YAW_RATE]
         cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
@@ -230,9 +240,9 @@ def advance(vehicle, road, state, inputs, steps, h):
         x[Y] += h * (x[VX] * sin_yaw + x[VY] * cos_yaw)
         x[DISTANCE] += h * math.sqrt(x[VX] ** 2 + x[VY] ** 2)
         follow = h / (vehicle.load_lag + h)
-        x[LOAD_AX] += follow * (ax - x[LOAD_AX])
-        x[LOAD_AY] += follow * (ay - x[LOAD_AY])
-        x[AX], x[AY] = ax, ay
+        x[LOAD_AX] += follow * (fx - x[LOAD_AX])
+        x[LOAD_AY] += follow * (fy - x[LOAD_AY])
+        x[AX], x[AY] = ax, felt(vehicle.body, x, ay, gy)
     return x
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 GRAVITY = 9.81  # m/s2
 
-# The plant's state, one float array of STATE_SIZE. The last four are outputs of the step that led here.
+# The plant's state, one float array of STATE_SIZE. AX and AY are outputs of the step that led here.
 X, Y, YAW = 0, 1, 2  # position of the centre of gravity [m] and heading [rad], earth-fixed
 VX, VY, YAW_RATE = 3, 4, 5  # velocity of the centre of gravity in body axes [m/s], [rad/s]
 WHEEL_SPEEDS = slice(6, 10)  # [rad/s]
@@ -19,7 +19,7 @@ LOAD_AX, LOAD_AY = 10, 11  # specific force that the load transfer has followed 
 DISTANCE = 12  # path length travelled [m]
 BRAKE_WORK = 13  # heat in the brakes so far [J]
 LAG_X, LAG_Y = 14, 18  # indices of the first wheel's unsteady slips, kappa and tan(alpha), four each [-]
-AX, AY = 22, 23  # specific force at the centre of gravity (what an accelerometer there feels) [m/s2]
+AX, AY = 22, 23  # specific force at the centre of gravity: what an accelerometer feels, leaning as the body does [m/s2]
 ROLL, ROLL_RATE = 24, 25  # of the body, positive leans right [rad], [rad/s]; 0 where the plant has no roll
 STATE_SIZE = 26
 
@@ -109,8 +109,23 @@ class Geometry(NamedTuple):
     brake_cap_rear: float  # [N m]
 
 
+class RigidBody(NamedTuple):
+    """A body that does not roll on its suspension: what the car's own numbers say is all."""
+
+
+class RollingBody(NamedTuple):
+    """A sprung mass that rolls about an axis along the car; springs, anti-roll bars and dampers of both axles."""
+
+    sprung_mass: float  # [kg]
+    roll_arm: float  # e, roll axis to the sprung mass's centre of gravity [m]
+    roll_inertia: float  # Ixx of the sprung mass about its own centre of gravity [kg m2]
+    roll_yaw_product: float  # Ixz of the sprung mass, the integral of x z dm, of either sign [kg m2]
+    roll_stiffness: float  # K_phi [N m/rad]
+    roll_damping: float  # C_phi [N m s/rad]
+
+
 class Vehicle(NamedTuple):
-    """Constants of a car with seven degrees of freedom: vx, vy, yaw rate and four wheel speeds."""
+    """Constants of a car with seven degrees of freedom: vx, vy, yaw rate, four wheel speeds; roll is the eighth."""
 
     mass: float  # [kg]
     yaw_inertia: float  # [kg m2]
@@ -134,6 +149,7 @@ class Vehicle(NamedTuple):
     rear_tyre: Any
     relaxation_x: float = 0.0  # length over which the longitudinal slip builds up; 0: steady tyres [m]
     relaxation_y: float = 0.0  # the same of the lateral slip; both or none [m]
+    body: Any = RigidBody()  # or a RollingBody
     # How this very car differs from its data sheet; nobody is told, and vehicle files do not say.
     steering_offset: float = 0.0  # road-wheel angle with the hand wheel straight, positive left [rad]
     radius_error: PerWheel = PerWheel()  # of each tyre's radius, relative: -0.02 is a worn or soft tyre [-]
@@ -210,7 +226,7 @@ def tilted(flat: Road, slope: float, bank: float) -> Road:
 
 
 SHARES = ("front_transfer", "front_drive")
-MAY_BE_ZERO = ("height", "front_overhang", "rear_overhang", "trail")
+MAY_BE_ZERO = ("height", "front_overhang", "rear_overhang", "trail", "roll_arm", "roll_damping")
 
 
 def _complaint(name: str, value: Any, default: float | None) -> str:
@@ -218,6 +234,8 @@ def _complaint(name: str, value: Any, default: float | None) -> str:
     part, _, field = name.rpartition(".")
     if not isinstance(value, int | float | np.number) or isinstance(value, bool) or not np.isfinite(value):
         return f"{name} = {value!r} is not a finite number"
+    if field == "roll_yaw_product":
+        return ""
     if field in SHARES:
         return "" if 0 <= value <= 1 else f"{name} = {value} must lie in [0, 1]"
     if field == "steering_offset" or part == "radius_error":
@@ -233,25 +251,43 @@ def _complaint(name: str, value: Any, default: float | None) -> str:
     return "" if value > 0 else f"{name} = {value} must be positive"
 
 
+def _misfit(vehicle: Vehicle) -> str:
+    """What is wrong with numbers that are each in their range but do not fit each other."""
+    if (vehicle.relaxation_x > 0) != (vehicle.relaxation_y > 0):
+        return "relaxation_x and relaxation_y must both be 0 (steady tyres) or neither"
+    body = vehicle.body
+    if not isinstance(body, RollingBody):
+        return ""
+    if body.sprung_mass > vehicle.mass:
+        return f"body.sprung_mass = {body.sprung_mass} must not exceed the car's mass of {vehicle.mass} kg"
+    if body.roll_stiffness <= (toppling := body.sprung_mass * GRAVITY * body.roll_arm):
+        return f"body.roll_stiffness = {body.roll_stiffness} must exceed {toppling:.0f} N m/rad, or the body topples"
+    if body.roll_yaw_product**2 >= body.roll_inertia * vehicle.yaw_inertia:
+        return f"body.roll_yaw_product = {body.roll_yaw_product} is more than any body of these inertias has"
+    return ""
+
+
 def check_vehicle(vehicle: Vehicle) -> Vehicle:
     """Hand back a car whose numbers a plant can use, every one of them a float.
 
     Raises:
         ValueError: Naming each field that is not finite or out of its range.
     """
-    parts = ("front_tyre", "rear_tyre", "radius_error")
+    parts = ("front_tyre", "rear_tyre", "body", "radius_error")
     numbers: dict[str, Any] = {k: v for k, v in vehicle._asdict().items() if k not in parts}
     defaults: dict[str, Any] = dict(Vehicle._field_defaults)
     for part in parts:
         kind = type(getattr(vehicle, part))
-        if part != "radius_error" and kind not in TYRES.values():
+        if part.endswith("_tyre") and kind not in TYRES.values():
             raise ValueError(f"{part} must be one of {', '.join(TYRES)}, not {kind.__name__}")
+        if part == "body" and kind not in (RigidBody, RollingBody):
+            raise ValueError(f"body must be a RigidBody or a RollingBody, not {kind.__name__}")
         numbers |= {f"{part}.{k}": v for k, v in getattr(vehicle, part)._asdict().items()}
         defaults |= {f"{part}.{k}": v for k, v in kind._field_defaults.items()}
     complaints = (_complaint(name, value, defaults.get(name)) for name, value in numbers.items())
     wrong = [complaint for complaint in complaints if complaint]
-    if not wrong and (vehicle.relaxation_x > 0) != (vehicle.relaxation_y > 0):
-        wrong.append("relaxation_x and relaxation_y must both be 0 (steady tyres) or neither")
+    if not wrong and (misfit := _misfit(vehicle)):
+        wrong.append(misfit)
     if wrong:
         raise ValueError("vehicle: " + "; ".join(wrong))
     # an int field would compile a second kernel

@@ -47,9 +47,10 @@ from vse_gym.physics.parameters import (
     X,
     Y,
 )
+from vse_gym.physics.roll import accelerations, added_derivatives, differentiate, felt
 from vse_gym.physics.tyres import tyre_force
 
-DERIVATIVES = 22  # how many states have a derivative: all but the outputs
+DERIVATIVES = 22  # how many states of a rigid car have a derivative: all but the outputs
 LOW_SPEED = 2.5  # below it an unsteady tyre is damped and its deflection bounded [m/s]
 DAMPING = 0.1  # slip that counts beside the deflection, per slip velocity, at rest; a third of critical [s/m]
 DEFLECTION = 2.0  # normalised slip, stiffness times slip over friction times load, up to which a standing tyre deflects
@@ -109,7 +110,8 @@ def derivative(vehicle, road, x, inputs, direction, wheels, dx):
         dx[LAG_X + i] = 0.0
     if vehicle.relaxation_x > 0:
         unsteady_contact(vehicle, road, x, wheels, dx)
-    ax, ay, yaw_acceleration = specific_forces(vehicle, wheels)
+    fx, fy, mz = specific_forces(vehicle, wheels)
+    ax, ay, yaw_acceleration, roll_acceleration = accelerations(vehicle.body, vehicle, x, fx, fy, mz, 0.0)
     gx, gy = pull(road, x[DISTANCE])
     cos_yaw, sin_yaw = math.cos(x[YAW]), math.sin(x[YAW])
     dx[X] = x[VX] * cos_yaw - x[VY] * sin_yaw
@@ -118,8 +120,9 @@ def derivative(vehicle, road, x, inputs, direction, wheels, dx):
     dx[VX] = ax + gx + x[VY] * x[YAW_RATE]
     dx[VY] = ay + gy - x[VX] * x[YAW_RATE]
     dx[YAW_RATE] = yaw_acceleration
-    dx[LOAD_AX] = (ax - x[LOAD_AX]) / vehicle.load_lag
-    dx[LOAD_AY] = (ay - x[LOAD_AY]) / vehicle.load_lag
+    dx[LOAD_AX] = (fx - x[LOAD_AX]) / vehicle.load_lag
+    dx[LOAD_AY] = (fy - x[LOAD_AY]) / vehicle.load_lag
+    differentiate(vehicle.body, x, roll_acceleration, dx)
     dx[DISTANCE] = math.sqrt(x[VX] ** 2 + x[VY] ** 2)
     dx[BRAKE_WORK] = 0.0
     for i in range(4):
@@ -137,8 +140,9 @@ def advance_reference(vehicle, road, state, inputs, steps, h):
     """
     x = state.copy()
     start = np.empty(STATE_SIZE)
-    total = np.empty(DERIVATIVES)
-    dx = np.empty(DERIVATIVES)
+    size = DERIVATIVES + added_derivatives(vehicle.body)
+    total = np.empty(size)
+    dx = np.empty(size)
     wheels = np.empty((4, CONTACT))
     direction = np.empty(4)
     for _ in range(steps):
@@ -154,7 +158,7 @@ def advance_reference(vehicle, road, state, inputs, steps, h):
             derivative(vehicle, road, x, inputs, direction, wheels, dx)
             weight = h / 3 if stage == 1 or stage == 2 else h / 6
             reach = h if stage == 2 else h / 2
-            for j in range(DERIVATIVES):
+            for j in range(size):
                 total[j] += weight * dx[j]
                 x[j] = start[j] + (reach * dx[j] if stage < 3 else total[j])
         for i in range(4):
@@ -163,5 +167,8 @@ def advance_reference(vehicle, road, state, inputs, steps, h):
     contact(vehicle, road, x, inputs.steer, wheels)
     if vehicle.relaxation_x > 0:
         unsteady_contact(vehicle, road, x, wheels, dx)
-    x[AX], x[AY], _ = specific_forces(vehicle, wheels)
+    fx, fy, mz = specific_forces(vehicle, wheels)
+    ax, ay, _, _ = accelerations(vehicle.body, vehicle, x, fx, fy, mz, 0.0)
+    _, gy = pull(road, x[DISTANCE])
+    x[AX], x[AY] = ax, felt(vehicle.body, x, ay, gy)
     return x

@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from vse_gym.physics.parameters import TYRES, Vehicle, check_vehicle
+from vse_gym.physics.parameters import TYRES, RollingBody, Vehicle, check_vehicle
 from vse_gym.registry import UnknownNameError
 
 FOLDER = Path(__file__).parent
@@ -32,6 +32,9 @@ def load(vehicle: str | Path | Vehicle) -> Vehicle:
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     for axle in ("front_tyre", "rear_tyre"):
         table[axle] = _tyre(path.name, axle, table.get(axle, {}))
+    if "body" in table:  # a car without this table does not roll
+        _check_keys(f"{path.name}: body", table["body"], RollingBody)
+        table["body"] = RollingBody(**table["body"])
     _check_keys(path.name, table, Vehicle, unknown_to_files=("steering_offset", "radius_error"))
     return check_vehicle(Vehicle(**table))
 

@@ -12,9 +12,12 @@ from vse_gym.inference.gaussian.recursion import (
     filter_update,
     foresee,
     keep,
+    learn,
     predict,
 )
+from vse_gym.inference.gaussian.sage_husa import SageHusa, untaught
 from vse_gym.inference.gaussian.square_root import SquareRootUnscented, failed_downdates
+from vse_gym.inference.gaussian.strong_tracking import StrongTracking, fading_factors
 from vse_gym.inference.gaussian.unscented import Unscented
 
 __all__ = [
@@ -22,16 +25,21 @@ __all__ = [
     "Extended",
     "Gated",
     "HeavyTailed",
+    "SageHusa",
     "SquareRootUnscented",
+    "StrongTracking",
     "Unscented",
     "cauchy_rungs",
     "correct",
     "covariance",
+    "fading_factors",
     "failed_downdates",
     "filter_drive",
     "filter_step",
     "filter_update",
     "foresee",
     "keep",
+    "learn",
     "predict",
+    "untaught",
 ]

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vse_gym.compiled import compiled
-from vse_gym.inference.gaussian.recursion import believe, correct, covariance, foresee, keep, predict
-from vse_gym.inference.model import attend
+from vse_gym.inference.gaussian.recursion import believe, foresee, learn
+from vse_gym.inference.gaussian.wrapped import leave_to_inner
 
 
 class Gated(NamedTuple):
@@ -19,6 +19,9 @@ class Gated(NamedTuple):
     rule: Any
     limit: float  # largest squared innovation over its variance that passes, a quantile of chi-square [-]
     patience: float  # a channel refused so often in a row is let through until it agrees again
+
+
+leave_to_inner(Gated)
 
 
 @compiled
@@ -43,7 +46,7 @@ def refuse(limit, patience, y, expected, spread, variances, refused):
 @compiled
 def _(gated, model, mean, kept, memory, u, y):
     begin = memory.size - y.size
-    told, own = attend(model, memory[:begin], u, y)
+    told, own = believe(gated.rule, model, mean, kept, memory[:begin], u, y)
     variances, after = told.copy(), memory.copy()
     for i in range(begin):
         after[i] = own[i]
@@ -52,25 +55,11 @@ def _(gated, model, mean, kept, memory, u, y):
     return variances, after
 
 
-@keep.register(Gated)
+@learn.register(Gated)
 @compiled
-def _(gated, cov):
-    return keep(gated.rule, cov)
-
-
-@covariance.register(Gated)
-@compiled
-def _(gated, kept):
-    return covariance(gated.rule, kept)
-
-
-@predict.register(Gated)
-@compiled
-def _(gated, model, mean, kept, u):
-    return predict(gated.rule, model, mean, kept, u)
-
-
-@correct.register(Gated)
-@compiled
-def _(gated, model, mean, kept, u, y, variances):
-    return correct(gated.rule, model, mean, kept, u, y, variances)
+def _(gated, model, mean, kept, memory, u, y, variances):
+    begin = memory.size - y.size
+    after, own = memory.copy(), learn(gated.rule, model, mean, kept, memory[:begin], u, y, variances)
+    for i in range(begin):
+        after[i] = own[i]
+    return after

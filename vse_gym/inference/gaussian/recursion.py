@@ -7,7 +7,7 @@ its own affair: the covariance itself, or a factor of it.
 import numpy as np
 
 from vse_gym.compiled import compiled, generic
-from vse_gym.inference.model import attend, heed, report
+from vse_gym.inference.model import attend, heed, recall, remember, report
 
 
 @generic
@@ -44,9 +44,19 @@ def correct(rule, model, mean, kept, u, y, variances):
     """
 
 
+@generic
+def learn(rule, model, mean, kept, memory, u, y, variances):
+    """The memory after the correction, of a rule that learns from what the corrected belief leaves unexplained."""
+
+
+@learn.register(object)
+def _nothing_learnt(rule, model, mean, kept, memory, u, y, variances):
+    return memory
+
+
 @compiled
 def filter_step(rule, model, mean, kept, memory, u, y):
-    """Predict, attend, correct; u as :func:`heed` gives it.
+    """Predict, attend, correct, learn; u as :func:`recall` gives it.
 
     Returns:
         mean (n,), kept (k, n), memory, and the NIS with its degrees of freedom.
@@ -54,7 +64,8 @@ def filter_step(rule, model, mean, kept, memory, u, y):
     mean, kept = predict(rule, model, mean, kept, u)
     variances, memory = believe(rule, model, mean, kept, memory, u, y)
     mean, kept, nis, dof = correct(rule, model, mean, kept, u, y, variances)
-    return mean, kept, memory, nis, dof
+    memory = learn(rule, model, mean, kept, memory, u, y, variances)
+    return mean, kept, remember(model, memory, mean, u), nis, dof
 
 
 @compiled
@@ -73,7 +84,7 @@ def filter_update(constants, belief, u, y):
     rows = (b - n) // n
     out = np.empty(belief.size)
     parts = belief[:n], belief[n:b].reshape(rows, n), belief[b:c]
-    u = heed(model, u, y)
+    u = recall(model, parts[2], heed(model, u, y))
     mean, kept, memory, out[c + 5], out[c + 6] = filter_step(rule, model, *parts, u, y)
     reported = report(model, mean, u)
     for i in range(n):  # loops: an assignment of slices costs 30 ns each, and 5 s of compiling
@@ -95,7 +106,7 @@ def filter_drive(rule, model, mean, cov, memory, inputs, readings):
     means, covs = np.empty((steps, n)), np.empty((steps, n, n))
     kept = keep(rule, cov)
     for t in range(steps):
-        u = heed(model, inputs[t], readings[t])
+        u = recall(model, memory, heed(model, inputs[t], readings[t]))
         mean, kept, memory, _, _ = filter_step(rule, model, mean, kept, memory, u, readings[t])
         cov = covariance(rule, kept)
         for i in range(n):

@@ -1,0 +1,154 @@
+"""Particle filters with a Gaussian filter in every particle: tunings of :mod:`vse_gym.inference.particle_proposal`."""
+
+from abc import abstractmethod
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vse_gym.compiled import hold
+from vse_gym.estimators.base import Estimator, found
+from vse_gym.estimators.particle import cauchy_shares
+from vse_gym.inference.gaussian import Cubature, SageHusa, Unscented, untaught
+from vse_gym.inference.linalg import cholesky
+from vse_gym.inference.particle import draw
+from vse_gym.inference.particle_proposal import proposal_step
+from vse_gym.models import ModelTuning, Nominal, RollTrackTuning
+from vse_gym.models.tuning import tunable
+from vse_gym.noise import contamination
+from vse_gym.types import CHANNELS, Array, Estimate, Reading
+
+
+class SigmaParticles(NamedTuple):
+    """A weighted sample of the model's state, and every particle's own doubt."""
+
+    constants: Any  # rule and model, held by compiled code
+    states: Array  # (n, N)
+    factors: Array  # of the particles' covariances, lower, (N, n, n)
+    weights: Array  # (N,), summing to one
+    memory: Array  # (k,)
+    mean: Array  # (n,), of the weighted sample before resampling
+    cov: Array  # (n, n), of the same
+    output: Array  # vx, vy, yaw rate, ax, ay, effective sample size, (6,)
+
+    @property
+    def model(self) -> Any:
+        """What is believed of the car."""
+        return self.constants.value[1]
+
+
+@dataclass(frozen=True)
+class SigmaParticleFilter(Estimator):
+    """One recursion for all members; each names its rule.
+
+    Raises:
+        ValueError: If a number is out of range, or there is no such channel.
+    """
+
+    model: ModelTuning = field(default_factory=RollTrackTuning)
+    size: int = 100  # N
+    widening: float = tunable(1.0, 1.0, 2.0)  # c: of the proposal's covariance [-]
+    carried: float = tunable(1.0, 0.0, 1.0)  # of a particle's deviation, what its next step starts from; 1 as published [-]
+    alpha: float = 1.5  # characteristic exponent of the likelihood's noise, 2 is Gaussian; proposals are Gaussian [-]
+    heavy: tuple[str, ...] = ("ax", "ay", "yaw_rate", "roll_rate")  # channels with such noise; others are Gaussian
+    resample_below: float = 0.5  # effective sample size over N [-]
+
+    def __post_init__(self) -> None:
+        contamination(self.alpha)
+        if self.size < 2 or not 1 <= self.widening <= 2 or not 0 <= self.carried <= 1:
+            raise ValueError(
+                "size must be at least 2, widening lie in [1, 2] and carried in [0, 1], not "
+                f"{self.size}, {self.widening} and {self.carried}"
+            )
+        if wrong := set(self.heavy) - set(CHANNELS):
+            raise ValueError(f"heavy names no such channel: {sorted(wrong)}; known: {', '.join(CHANNELS)}")
+
+    @property
+    @abstractmethod
+    def rule(self) -> Any:
+        """How a particle's Gaussian passes through a function, one of the rules with points."""
+
+    def memory(self, model: Any) -> Array:
+        """What rule and model remember at the start, (k,)."""
+        memory: Array = model.memory
+        return memory
+
+    def init(self, nominal: Nominal, rng: np.random.Generator) -> SigmaParticles:
+        model = self.model.build(nominal)
+        mean, factor = model.prior_mean, np.empty_like(model.prior_cov)
+        cholesky(model.prior_cov, factor)
+        return SigmaParticles(
+            constants=hold((self.rule, model)),
+            states=draw(mean, model.prior_cov, self.size, rng),
+            factors=np.tile(self.carried * factor, (self.size, 1, 1)),
+            weights=np.full(self.size, 1 / self.size),
+            memory=self.memory(model),
+            mean=mean,
+            cov=model.prior_cov,
+            output=np.array([mean[0], mean[1], mean[2], 0.0, 0.0, self.size]),
+        )
+
+    def update(self, state: SigmaParticles, reading: Reading, rng: np.random.Generator) -> SigmaParticles:
+        constants, states, factors, weights, memory, _, _, _ = state
+        return SigmaParticles(
+            constants,
+            *proposal_step(
+                constants,
+                states,
+                factors,
+                weights,
+                memory,
+                reading.inputs,
+                reading.y,
+                cauchy_shares(contamination(self.alpha), self.heavy),
+                float(self.widening) ** 0.5,
+                float(self.carried),
+                float(self.resample_below),
+                rng,
+            ),
+        )
+
+    def estimate(self, state: SigmaParticles) -> Estimate:
+        vx, vy, yaw_rate, ax, ay, _ = state.output.tolist()
+        return Estimate(vx, vy, yaw_rate, ax, ay, state.cov[:3, :3], **found(state.model, state.mean, state.cov))
+
+    def effective_size(self, state: SigmaParticles) -> float:
+        return float(state.output[5])
+
+    def tell_friction(self, state: SigmaParticles, friction: float) -> SigmaParticles:
+        rule, model = state.constants.value
+        return state._replace(constants=hold((rule, model._replace(friction=float(friction)))))
+
+
+@dataclass(frozen=True)
+class UnscentedParticleFilter(SigmaParticleFilter):
+    """Every particle looks ahead by an unscented Kalman filter. Van der Merwe, Doucet, de Freitas, Wan (2000)."""
+
+    spread: float = 1.0  # alpha of the sigma points [-]
+    beta: float = 2.0  # 2 suits a Gaussian [-]
+    kappa: float = 0.0
+
+    @property
+    def rule(self) -> Unscented:
+        return Unscented(float(self.spread), float(self.beta), float(self.kappa))
+
+
+@dataclass(frozen=True)
+class AdaptiveCubatureParticleFilter(SigmaParticleFilter):
+    """Every particle looks ahead by a cubature filter with reading noise found on line. CN110532590A (2019).
+
+    Sage and Husa's estimate of that noise is one for all particles, fed by their weighted mean.
+    """
+
+    forgetting: float = tunable(0.98, 0.9, 0.999)  # b [-]
+    floor: float = 0.1  # least factor on the variance that the model gives [-]
+    cap: float = 10.0  # greatest [-]
+    limit: float = 9.0  # squared innovation over its variance beyond which a reading teaches nothing [-]
+    head_start: float = 50.0  # readings that count as having agreed with the model before the first [-]
+
+    @property
+    def rule(self) -> SageHusa:
+        return SageHusa(Cubature(), *map(float, (self.forgetting, self.floor, self.cap, self.limit)))
+
+    def memory(self, model: Any) -> Array:
+        return np.concatenate((model.memory, untaught(self.rule, model.variances.size, self.head_start)))
