@@ -123,7 +123,7 @@ def test_the_low_passes_leave_the_noise_that_is_said():
 def test_the_covariances_stay_positive_definite(nominal, readings):
     estimator, rng = ESTIMATORS.make("sr_ukf_rls"), stream(0, "estimator")
     state = estimator.init(nominal, rng)
-    low, high = 0.2 * state.parameters, 5.0 * state.parameters
+    low, high = 0.1 * state.parameters, 5.0 * state.parameters
     for reading in readings:
         state = estimator.update(state, reading, rng)
         assert np.linalg.eigvalsh(state.cov)[0] > 0

@@ -26,9 +26,9 @@ class StiffnessAdaptiveKalmanFilter(IdentifyingFilter):
     """
 
     model: ModelTuning = field(default_factory=ForceBicycleTuning)
-    forgetting: float = tunable(0.95, 0.9, 0.9995)  # a stiffness falls within a turn: memory of 0.2 s [-]
+    forgetting: float = tunable(0.95, 0.7, 0.9995)  # a stiffness falls within a turn: memory of 0.2 s [-]
     stiffness_prior: float = 0.3  # standard deviation at the start, over the nominal stiffness [-]
-    stiffness_bounds: tuple[float, float] = (0.2, 5.0)  # over the nominal stiffness [-]
+    stiffness_bounds: tuple[float, float] = (0.1, 5.0)  # over the nominal; a sliding axle's falls to a tenth [-]
     adapts: bool = True  # False: the stiffnesses stay nominal, to show what adapting is worth
     alpha: float = 1.0  # spread of the sigma points [-]
     beta: float = 2.0  # 2 suits a Gaussian [-]

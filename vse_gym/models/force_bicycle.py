@@ -76,7 +76,7 @@ class ForceBicycleTuning:
     yaw_prior: float = 0.02  # [rad/s]
     brake_moment: bool = True  # whether unequal longitudinal forces turn the car: the direct yaw moment
     least_slip: float = math.radians(0.3)  # slip angle from which on a stiffness is learnt [rad]
-    most_slip: float = math.radians(9.0)  # and up to which: on 3 deg it would never see a slippery road's [rad]
+    most_slip: float = tunable(0.15, 0.05, 0.5)  # and up to which: below 3 deg there is no slippery road [rad]
     least_steer: float = math.radians(0.1)  # nothing is learnt near zero steer: road-wheel angle [rad]
     least_speed: float = 8.0  # nor below this speed [m/s]
 
