@@ -23,8 +23,8 @@ class FullBraking(Controller):
         return BrakeDemand(state, NO_TORQUE), state
 
 
-# An autoregression of the speed knows of no brake, and locking wheels are no speedometer: it believes in a car 4 to 9 m/s
-# too fast. mapf_physics has the brakes in its transition and keeps the speed.
+# An autoregression of the speed knows of no brake, and locking wheels are no speedometer: it believes the car 4 to 9
+# m/s too fast. mapf_physics has the brakes in its transition and keeps the speed.
 BLIND = pytest.mark.xfail(reason="the published transition has no brakes in it", strict=True)
 
 
