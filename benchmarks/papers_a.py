@@ -159,8 +159,8 @@ def run(paper: Paper) -> Outcome:
     more_accurate = "at the peaks MAPF is more accurate than the particle filter (ref. 12)"
     claims = [
         _claim(heard, "mapf", "pf", peaks, more_accurate, against_pf),
+        _claim(heard, "mapf", "pf", peaks, "the same of five states, without ax", states=FIVE),
         _claim(heard, "mapf", "strong_tracking", peaks, "at the peaks: than strong tracking (ref. 11)", against_strong),
-        _claim(heard, "mapf", "pf", peaks, "the same without ax", states=FIVE),
         _claim(heard, "mapf", "pf", everywhere, "over the drive: than the particle filter"),
         _claim(heard, "mapf", "strong_tracking", everywhere, "over the drive: than strong tracking"),
         _real_time(heard),
