@@ -195,15 +195,23 @@ def _why_better(which: str, worst: dict[str, Array]) -> str:
 
 
 def _why_size(which: str, name: str, linear: Sequence[Heard]) -> str:
-    return f"on linear tyres it is {np.median(over_seeds(linear, name, largest(which))):.2g}"
+    said = f"on linear tyres it is {np.median(over_seeds(linear, name, largest(which))):.2g}"
+    if which != "sideslip":
+        return said
+    noise = DEG * GROWTH * SHEET.acceleration / _slope()
+    return f"{said}; what ay's noise alone makes of it in the end has a sigma of {noise:.2f} deg"
+
+
+def _slope() -> float:
+    """How much ay there is to a sideslip angle, by the filter's model [m/s2 per rad]."""
+    car = load("wang2017_d_class")
+    return 2 * (car.front_tyre.cornering_stiffness + car.rear_tyre.cornering_stiffness) / car.mass
 
 
 def _notes(made: Sequence[Heard]) -> list[str]:
     log = made[0].log
     yaw = DEG * np.abs(log.truth[:, p.YAW_RATE]).max()
     beta = DEG * np.abs(log.sideslip).max()
-    spreading = ThreeDofTuning().build(_setting(load("wang2017_d_class")).nominal)
-    slope = (spreading.car.stiffness_front + spreading.car.stiffness_rear) / spreading.car.mass
     return [
         f"amplitude: {np.degrees(AMPLITUDE):.3g} deg of the front wheels, since the print has 10 without a unit: "
         f"the yaw rate peaks at {yaw:.1f} deg/s and the sideslip at {beta:.2f} deg, where the printed percentages "
@@ -213,7 +221,7 @@ def _notes(made: Sequence[Heard]) -> list[str]:
         "the published Q, R and Euler's step of 10 ms for everybody but the rows that say otherwise; forgetting 0.998, "
         "rule table, scaling of the fuzzy inputs and the window of 30 readings are chosen",
         f"with the published Q = 0.1 of a step, the doubt about the sideslip alone makes H P H^T at least "
-        f"{0.1 * slope**2:.0f} (m/s2)^2, where R is 0.001 to 0.1: whatever U says, ay is believed all but wholly",
+        f"{0.1 * _slope() ** 2:.0f} (m/s2)^2, where R is 0.001 to 0.1: whatever U says, ay is believed all but wholly",
         "told the sideslip: the least squares take the true angle, as the paper's figures do; the filter does not",
         "searched tunings: the common search, loss the mean RMS error over the published largest ones; the mass "
         "started at the curb's there",
@@ -270,13 +278,13 @@ def draw_surface(path: Path) -> None:
     """The fuzzy controller's surface, as the filter interpolates it."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5.4, 4.2), layout="constrained")
+    figure = Figure(figsize=(6.4, 5.2), layout="constrained")
     axes = figure.subplots(subplot_kw={"projection": "3d"})
     e, change = np.meshgrid(np.linspace(-1, 1, len(SETS)), np.linspace(-1, 1, len(SETS)), indexing="ij")
     axes.plot_surface(e, change, rule_surface(), cmap="viridis", edgecolor="0.3", linewidth=0.4)
     axes.set_xticks(np.linspace(-1, 1, len(SETS)), SETS, fontsize=7)
     axes.set_yticks(np.linspace(-1, 1, len(SETS)), SETS, fontsize=7)
-    axes.set_zticks(CENTRES, [f"{10**c:.2g} {name}" for c, name in zip(CENTRES, OUTPUTS, strict=True)], fontsize=7)
-    axes.set(xlabel="e: actual over theoretical variance", ylabel="its change", title="factor U of R")
+    axes.set_zticks(CENTRES, [f"{10**c:.3g} {name}" for c, name in zip(CENTRES, OUTPUTS, strict=True)], fontsize=7)
+    axes.set(xlabel="e", ylabel="change of e", title="factor U of R")
     axes.view_init(elev=24, azim=-130)
     figure.savefig(path, dpi=120)
