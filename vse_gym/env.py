@@ -260,6 +260,7 @@ IDS = {
     "vse_gym/StraightDriving-v0": "straight_driving",
     "vse_gym/HeldSteer-v0": "held_steer",
     "vse_gym/DoubleLaneChange-v0": "double_lane_change",
+    "vse_gym/TripleLaneChange-v0": "triple_lane_change",
     "vse_gym/ObstacleAvoidance-v0": "obstacle_avoidance",
     "vse_gym/Slalom-v0": "slalom",
     "vse_gym/SplitFrictionBraking-v0": "split_friction_braking",

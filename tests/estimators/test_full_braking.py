@@ -23,8 +23,13 @@ class FullBraking(Controller):
         return BrakeDemand(state, NO_TORQUE), state
 
 
+# An autoregression of the speed knows of no brake, and locking wheels are no speedometer: it believes the car 4 to 9
+# m/s too fast. mapf_physics has the brakes in its transition and keeps the speed.
+BLIND = pytest.mark.xfail(reason="the published transition has no brakes in it", strict=True)
+
+
 @pytest.mark.parametrize("friction", [0.9, 0.4, 0.2])
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("estimator", [pytest.param(e, marks=[BLIND] if e == "mapf" else []) for e in ESTIMATORS])
 def test_speed_is_kept_while_all_wheels_brake(estimator, friction):
     drive = scenario("straight_driving", friction=friction, duration=2.0)
     log = rollout(drive, estimator, FullBraking(), seed=0)

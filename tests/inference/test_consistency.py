@@ -19,7 +19,8 @@ SURE = 0.9995  # quantile at either end: with five instants, one honest filter i
 TRUST = {"vx_noise": 0.5, "vy_noise": 0.6, "yaw_noise": 0.5, "ax_error": 0.3, "ay_error": 0.6}
 TUNINGS = {"single": SingleTrackTuning(**TRUST), "double": DoubleTrackTuning(**TRUST)}
 FILTERS = [
-    (name, "double" if "double" in name else "single", {})
+    # Fading only ever adds doubt, so a strong tracking filter is honest where nothing fades.
+    (name, "double" if "double" in name else "single", {"weakening": 1e6} if name == "strong_tracking" else {})
     for name in ESTIMATORS
     if issubclass(ESTIMATORS[name], GaussianFilter) and ESTIMATORS[name] is not CauchyGaussianKalmanFilter
 ] + [("enkf", "single", {"size": 2000}), ("ekf_cauchy_gaussian", "single", {"alpha": 2.0})]

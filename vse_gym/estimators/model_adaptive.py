@@ -53,7 +53,8 @@ class ModelAdaptiveParticleFilter(Estimator):
     Nothing of the car is in the transition; tyres come in with the measurement alone. Each channel's noise is heard in
     real time by wavelets, and the likelihood expects heavy tails. vx, vy and yaw rate have an autoregression each; ax,
     ay and sideslip follow from them. The noise of the transition, which the print leaves open, is what the
-    autoregressions leave unexplained, and at least the model's process noise.
+    autoregressions leave unexplained, and at least the model's process noise. It knows of no brake: while all wheels
+    are near locking it believes the car to go on, and ``mapf_physics`` does not.
 
     Raises:
         ValueError: If a number is out of range, or a name is not known.

@@ -19,7 +19,6 @@ from vse_gym.models.schemes import (
     kinematic_step,
     sense,
 )
-from vse_gym.models.tuning import tunable
 from vse_gym.types import CHANNELS, Array, Estimate, Reading
 
 # Where in a belief: vy and yaw rate, their covariance, the bicycle's memory with its ten counts of refusals, which
@@ -104,7 +103,7 @@ class SwitchingEstimator(SchemesTuning, Estimator):
         ValueError: If the median's length is not odd, or the threshold below the hysteresis.
     """
 
-    threshold: float = tunable(1.5, 0.3, 6.0)  # of |ay|, published; up to it the dynamic scheme [m/s2]
+    threshold: float = 1.5  # of |ay|, up to it the dynamic scheme; published, so not searched [m/s2]
     hysteresis: float = 0.0  # half of the distance between switching on and off; the paper has none [m/s2]
     median: int = 5  # values that the switch's median looks at (chosen)
 

@@ -1,7 +1,7 @@
 """Particle filters whose every particle has a Gaussian filter of its own, which looks at the reading before it moves.
 
-Van der Merwe, Doucet, de Freitas, Wan (2000): the unscented particle filter. With the cubature rule and adaptive reading
-noise it is the adaptive cubature particle filter of patent application CN110532590A (2019).
+Van der Merwe, Doucet, de Freitas, Wan (2000): the unscented particle filter. With the cubature rule and adaptive
+reading noise it is the adaptive cubature particle filter of patent application CN110532590A (2019).
 
 Points of all particles go through the model together, as columns (n, N p): one particle's beside each other.
 """

@@ -144,7 +144,7 @@ def steady_slips(model, table, i, vx, vy, yaw_rate):
 
 @compiled
 def turning(model, vx, yaw_rate):
-    """The lateral acceleration that moves load: the body leans with the turn, its lag is about the tyres' own [m/s2]."""
+    """The lateral acceleration that moves load [m/s2]: the body leans with the turn, its lag is about the tyres'."""
     limit = model.friction * GRAVITY
     return max(-limit, min(limit, vx * yaw_rate))
 

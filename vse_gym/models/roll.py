@@ -31,7 +31,7 @@ from vse_gym.models.nominal import Nominal
 from vse_gym.models.single_track import attend_wheels, read_extras
 from vse_gym.models.tuning import tunable
 from vse_gym.physics.parameters import GRAVITY, RollingBody, Vehicle
-from vse_gym.types import Y_AX, Y_AY, Y_ROLL_RATE, Y_WHEEL, WHEELS, Array
+from vse_gym.types import WHEELS, Y_AX, Y_AY, Y_ROLL_RATE, Y_WHEEL, Array
 
 # What ``heed`` and ``recall`` put behind the double track's inputs: the slips at the begin of the step, kappa (4) and
 # tan(alpha) (4), and which share of the way to the steady slips tyres have gone, on the mean over the step along and
@@ -108,7 +108,10 @@ class RollTrack(NamedTuple):
     variances: Array  # of the channels, without wheel slip; NaN: not used; (10,)
     memory: Array  # as of the double track, the lagged slips and the forward speed; (14,)
 
-    found = {"roll_rate": 3, "roll": 4}  # noqa: RUF012 (no field) what estimators report beside the motion, and where
+    @property
+    def found(self) -> dict[str, int]:
+        """What estimators report beside the motion, and where in the state it is."""
+        return {"roll_rate": 3, "roll": 4}
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,7 @@ class RollTrackTuning(DoubleTrackTuning):
     roll_prior: float = 0.01  # [rad]
     speedometer: bool = True  # whether rolling wheels are read for the speed; False: z = [ax, ay, p, r], as published
 
-    def build(self, nominal: Nominal) -> RollTrack:
+    def build(self, nominal: Nominal) -> RollTrack:  # type: ignore[override]
         """The model of a nominal car with this trust."""
         like = DoubleTrackTuning(**{f.name: getattr(self, f.name) for f in fields(DoubleTrackTuning)}).build(nominal)
         doubt = 1.0 if isinstance(nominal.vehicle.body, RollingBody) else RIGID_DOUBT

@@ -5,6 +5,7 @@ from vse_gym.inference.gaussian.extended import Extended
 from vse_gym.inference.gaussian.gate import Gated
 from vse_gym.inference.gaussian.heavy_tailed import HeavyTailed, cauchy_rungs
 from vse_gym.inference.gaussian.recursion import (
+    believe,
     correct,
     covariance,
     filter_drive,
@@ -29,6 +30,7 @@ __all__ = [
     "SquareRootUnscented",
     "StrongTracking",
     "Unscented",
+    "believe",
     "cauchy_rungs",
     "correct",
     "covariance",
