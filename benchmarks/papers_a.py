@@ -177,9 +177,9 @@ def run(paper: Paper) -> Outcome:
     tables["mapf at the peaks: paired differences of RMSE, %"] = _paired(heard)
     tables["What a part is worth: errors at the peaks against pf"] = _worth(heard, [*TUNED, *variants(found)])
     if paper.figures:
-        draw_states(heard[0], paper.figures / "a_states.png")
-        draw_errors(heard[0], paper.figures / "a_peak.png")
-        draw_why(heard[0], found["mapf"], drive(paper.seeds[0]), paper.seeds[0], paper.figures / "a_why.png")
+        draw_states(heard[0], paper.figures / "A_states.png")
+        draw_errors(heard[0], paper.figures / "A_peak.png")
+        draw_why(heard[0], found["mapf"], drive(paper.seeds[0]), paper.seeds[0], paper.figures / "A_why.png")
     return Outcome(claims, tables, NOTES)
 
 
