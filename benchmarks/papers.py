@@ -3,10 +3,12 @@
     python benchmarks/papers.py                  all of them, 20 seeds
     python benchmarks/papers.py A D --seeds 40
     python benchmarks/papers.py B --tune         search the tunings again (benchmarks/papers_tunings), then run
+    python benchmarks/papers.py --out docs/papers        write what the documentation shows again
 
 Each test is driven as published, as far as the print says; what it does not say is chosen, and listed. The plant is
 this project's in place of ADAMS or CarSim. Estimators hear the same readings of a drive without stability control.
-Everybody has the tuning that the same search found, of the same budget, on seeds that no table uses. A figure is the
+Settings are the published ones where the print gives them; else everybody in a system's table
+has the tuning that the same search found, of the same budget, on seeds that no table uses. Each page says which. A figure is the
 median over seeds; a claim that one estimator is better than another is judged by the median of paired differences and
 its 90 % interval: "holds" or "fails" if zero lies outside, else "open".
 """
@@ -38,9 +40,8 @@ def main(
     seeds: Annotated[int, typer.Option(min=6, max=1000, help="How many, from 0 on.")] = 20,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 2,
     tune: Annotated[bool, typer.Option("--tune", help="Search the tunings first.")] = False,
-    budget: Annotated[int, typer.Option(min=1, help="Trials of a search.")] = 40,
-    out: Annotated[Path, typer.Option(help="Folder for the tables.")] = Path("results/papers"),
-    figures: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("docs/papers"),
+    budget: Annotated[int | None, typer.Option(min=1, help="Trials of a search; without it the system's own.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for pages and pictures.")] = Path("results/papers"),
 ) -> None:
     """Put the papers' claims to the test."""
     wanted = [name.upper() for name in systems or SYSTEMS]
@@ -48,15 +49,14 @@ def main(
         known = ", ".join(SYSTEMS)
         raise typer.BadParameter(f"no system {', '.join(sorted(unknown))}; known: {known}")
     out.mkdir(parents=True, exist_ok=True)
-    figures.mkdir(parents=True, exist_ok=True)
     console, claims = Console(), []
     for system in wanted:
         begin = time.perf_counter()
         module: Any = import_module(f"papers_{system.lower()}")
         if tune:
             for name in track(module.TUNED, f"{system}: searching tunings", transient=True):
-                tune_for(system, name, module.training_drive, module.loss, budget)
-        outcome: Outcome = module.run(Paper(system, range(seeds), jobs, figures))
+                tune_for(system, name, module.training_drive, module.loss, budget or module.BUDGET)
+        outcome: Outcome = module.run(Paper(system, range(seeds), jobs, out))
         claims += outcome.claims
         text = _page(system, outcome, seeds, time.perf_counter() - begin)
         (out / f"{system}.md").write_text(text, encoding="utf-8")
@@ -66,7 +66,7 @@ def main(
         for note in outcome.notes:
             console.print(f"- {note}", highlight=False)
     (out / "claims.md").write_text(_table(claims), encoding="utf-8")
-    console.print(f"wrote {out}/claims.md, a page for each system beside it, and pictures in {figures}")
+    console.print(f"wrote {out}/claims.md, and a page with pictures for each system beside it")
 
 
 def _table(claims: list[Claim]) -> str:

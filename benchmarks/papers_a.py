@@ -21,6 +21,7 @@ from vse_gym.types import Array, Log
 from vse_gym.vehicles import load
 
 TUNED = ("mapf", "mapf_physics", "pf", "pf_cauchy_gaussian", "strong_tracking", "ekf")
+BUDGET = 40  # trials of each search
 STATES = {"vx": "m/s", "vy": "m/s", "ax": "m/s²", "ay": "m/s²", "yaw rate": "deg/s", "sideslip": "deg"}
 FIVE = ("vx", "vy", "ay", "yaw rate", "sideslip")
 COLUMN = {"vx": 0, "vy": 1, "yaw rate": 2, "ax": 3, "ay": 4}

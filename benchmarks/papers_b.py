@@ -38,6 +38,7 @@ ackf = AdaptiveCubatureKalmanFilter(model=MEASURED)
 upf = UnscentedParticleFilter(model=MEASURED)
 acpf = AdaptiveCubatureParticleFilter(model=MEASURED)
 TUNED = ("papers_b:ackf", "papers_b:upf", "papers_b:acpf")
+BUDGET = 40  # trials of each search
 UPF, ACPF, ACKF = "upf", "acpf", "ackf"
 PUBLISHED, OF_UPF, OF_ACPF = ", as published", ", upf's tuning", ", acpf's tuning"
 PLAIN = f"{ACPF} 100 without adaptation{OF_UPF}"

@@ -49,6 +49,7 @@ SHEET = DataSheet(sqrt(0.001), QUIET.yaw_rate, QUIET.wheel_speed, QUIET.steer, Q
 # Largest errors printed: of the RLS-FAEKF and of the EKF
 PUBLISHED = {"vx": (0.08, 0.36, "m/s"), "sideslip": (0.03, 0.83, "deg"), "yaw rate": (1.4, 27.3, "deg/s")}
 TUNED = ("ekf_3dof", "rls_faekf")
+BUDGET = 60  # trials of each search
 EKF, ADAPTIVE, TOLD = "ekf_3dof", "rls_faekf", "rls_faekf, told the sideslip"
 HEAVY, PLAIN = "rls_faekf from 1900 kg", "rls_faekf, told the sideslip, R as it is"
 WIDE = {EKF: "ekf_3dof with gyro and wheels", ADAPTIVE: "rls_faekf with gyro and wheels"}

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -68,9 +68,7 @@ class Paper:
     system: str
     seeds: range
     jobs: int = 1
-    figures: Path = Path("docs/papers")
-    budget: int = 40  # trials of a search
-    estimators: Mapping[str, Estimator] = field(default_factory=dict)
+    figures: Path = Path("results/papers")  # folder of the pictures
 
     def __post_init__(self) -> None:
         if len(self.seeds) < 1 or self.seeds[-1] >= FIRST_SEED:

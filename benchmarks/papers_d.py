@@ -22,6 +22,7 @@ from vse_gym.types import Array, Log
 
 DYNAMIC = "switching's dynamic scheme alone"
 TUNED = ("switching", "fusion", "kf", "ekf", "kinematic")
+BUDGET = 120  # trials of each search
 training_drive = lane_changes
 
 

@@ -43,6 +43,7 @@ FOLLOWS = 15.0  # an RMS error below so many per cent of the reference's RMS is 
 STEP = 10e-3  # in which an update must have been made, to be in real time [s]
 AXLES = ("stiffness_front", "stiffness_rear")
 TUNED = ("sr_ukf_rls", "sr_ukf")
+BUDGET = 60  # trials of each search
 FROM_AY, SENSOR, FIXED, PEER = "forces from ay and dr/dt", "force sensor", "stiffness fixed", "sr_ukf, no least squares"
 DEFAULT = "default tuning"
 
