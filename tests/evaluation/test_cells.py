@@ -116,3 +116,11 @@ def test_a_cell_s_own_ranges_take_the_place_of_the_study_s_and_leave_the_rest():
 def test_a_range_that_does_not_exist_is_refused_with_those_that_do():
     with pytest.raises(TypeError, match=r"cannot randomise tilt_deg; known: speed, .*gravity_shift"):
         replace(CELL, randomise={"tilt_deg": 3.0})
+
+
+def test_a_load_rides_on_the_springs_of_a_car_that_rolls():
+    cell = Cell("rolling", "sine_with_dwell", vehicle="wei2019_roll")
+    car = load("wei2019_roll")
+    driven = cell.scenario(Randomise(mass=(1.2, 1.2)), 0).vehicle
+    assert driven.mass - car.mass == pytest.approx(0.2 * car.mass)
+    assert driven.body.sprung_mass - car.body.sprung_mass == pytest.approx(0.2 * car.mass)

@@ -38,4 +38,4 @@ def test_smoke_drives_three_of_the_headline_s_cells():
     ],
 )
 def test_full_has_every_kind_of(key, every):
-    assert {cell[key].partition("+")[0] for cell in study("full-v1")["cell"]} == every
+    assert {cell[key].partition("+")[0] for cell in study("full-v2")["cell"]} == every

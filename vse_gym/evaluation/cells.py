@@ -8,7 +8,7 @@ from vse_gym.catalogue import CONTROLLERS, MANOEUVRES
 from vse_gym.evaluation.schema import check, kinds_of
 from vse_gym.manoeuvres.base import si
 from vse_gym.models import Nominal
-from vse_gym.physics.parameters import PerWheel, Vehicle
+from vse_gym.physics.parameters import PerWheel, RollingBody, Vehicle
 from vse_gym.registry import UnknownNameError
 from vse_gym.sensors import stream, suite
 from vse_gym.simulation import PLANTS, Scenario, fitting_integrator
@@ -133,4 +133,7 @@ def _changed(car: Vehicle, mass: float, stiffness: float) -> Vehicle:
         axle: tyre._replace(cornering_stiffness=tyre.cornering_stiffness * stiffness)
         for axle, tyre in (("front_tyre", car.front_tyre), ("rear_tyre", car.rear_tyre))
     }
-    return car._replace(mass=car.mass * mass, **tyres)
+    body = car.body
+    if isinstance(body, RollingBody):  # what is loaded rides on the springs
+        body = body._replace(sprung_mass=body.sprung_mass + car.mass * (mass - 1))
+    return car._replace(mass=car.mass * mass, body=body, **tyres)
