@@ -77,6 +77,7 @@ def draw_why(heard: Heard, estimator: Any, setting: Scenario, seed: int, path: P
         learnt.append(state.swarm.learnt.coefficients[1])
     steps = np.diff(log.truth[:, p.VY], prepend=0.0)
     figure = Figure(figsize=(13, 7), layout="constrained")
+    figure.suptitle("The same drive: what mapf's autoregression of vy foretells", fontsize=11)
     axes = figure.subplots(3, 1, sharex=True)
     axes[0].plot(log.time, DEG * log.steer, "k", lw=1)
     axes[0].set_ylabel("road wheel [deg]")
@@ -86,7 +87,7 @@ def draw_why(heard: Heard, estimator: Any, setting: Scenario, seed: int, path: P
     axes[2].plot(log.time, np.array(learnt), lw=1, label=[f"a{k + 1}" for k in range(len(learnt[0]))])
     axes[2].set_ylabel("coefficients of vy [-]")
     for ax in axes[1:]:
-        ax.legend(loc="upper right", fontsize=8)
+        ax.legend(loc="upper left", fontsize=8)
     axes[-1].set_xlabel("time [s]")
     figure.savefig(path, dpi=110)
 

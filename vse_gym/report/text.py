@@ -1,5 +1,6 @@
 """Numbers and tables as text: on a screen, in Markdown, in a web page."""
 
+from collections.abc import Container
 from html import escape
 from typing import NamedTuple
 
@@ -29,11 +30,13 @@ def figure_with(value: float | None, low: float | None, high: float | None, spec
     return number(value, spec) + (f" ({span(low, high, spec)})" if known else "")
 
 
-def on_screen(heads: list[str], rows: list[list[str]], title: str, whole: int = 1) -> Table:
-    """A table for rich; the first ``whole`` columns are never wrapped."""
+def on_screen(
+    heads: list[str], rows: list[list[str]], title: str, whole: int = 1, words: Container[int] = (0,)
+) -> Table:
+    """A table for rich; the first ``whole`` columns are never wrapped, those of ``words`` begin at the left."""
     out = Table(title=title, title_justify="left", pad_edge=False)
     for k, head in enumerate(heads):
-        out.add_column(head, justify="left" if k == 0 else "right", no_wrap=k < whole)
+        out.add_column(head, justify="left" if k in words else "right", no_wrap=k < whole)
     for row in rows:
         out.add_row(*row)
     return out
@@ -47,9 +50,9 @@ def in_blocks(heads: list[str], rows: list[list[str]], columns: int = 5) -> list
     ]
 
 
-def markdown(heads: list[str], rows: list[list[str]]) -> str:
+def markdown(heads: list[str], rows: list[list[str]], words: Container[int] = (0,)) -> str:
     """The same as Markdown."""
-    lines = [heads, ["---"] + ["---:"] * (len(heads) - 1), *rows]
+    lines = [heads, ["---" if k in words else "---:" for k in range(len(heads))], *rows]
     return "\n".join("| " + " | ".join(text.replace("|", "\\|") for text in line) + " |" for line in lines) + "\n"
 
 
