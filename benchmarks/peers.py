@@ -21,7 +21,8 @@ from peers_filterpy import DRIVES as KALMAN_DRIVES
 from peers_filterpy import drive_extended, heeded, model, readings
 
 from vse_gym.inference.model import advance, attend, observe
-from vse_gym.models.single_track import BRAKING, SLOWEST
+from vse_gym.models.channels import BRAKING
+from vse_gym.models.single_track import SLOWEST
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.physics.tyres import KNOT
 

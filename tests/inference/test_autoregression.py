@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from vse_gym.inference.autoregression import (
-    Adaptation,
+    AutoregressionTuning,
     adapt,
     autoregressions,
     coefficients_used,
@@ -23,7 +23,7 @@ AR3 = np.array([0.9, 0.3, -0.4])
 def learning(order, rate=0.002, window=64.0, printed=0.0, radius=1.0, noise_rate=0.02):
     start = np.zeros(order)
     start[0] = 1.0
-    return Adaptation(rate, noise_rate, printed, window, radius, start)
+    return AutoregressionTuning(rate, noise_rate, printed, window, radius, start)
 
 
 def process(coefficients, steps, seed, sigma=1.0):

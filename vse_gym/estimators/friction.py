@@ -2,26 +2,20 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
-import numpy as np
-
-from vse_gym.compiled import hold
-from vse_gym.estimators.base import Estimator
-from vse_gym.estimators.gaussian import Gate, GaussianState
-from vse_gym.inference.gaussian import Gated, Unscented, filter_update
+from vse_gym.estimators.gaussian import Gate, GaussianState, UnscentedKalmanFilter
 from vse_gym.models import Nominal, SingleTrackTuning
-from vse_gym.models.single_track_friction import with_friction, within
+from vse_gym.models.single_track_friction import FrictionSingleTrack, with_friction, within
 from vse_gym.models.tuning import tunable
-from vse_gym.types import Estimate, Reading
+from vse_gym.types import Estimate
 
 
 @dataclass(frozen=True)
-class FrictionUnscentedKalmanFilter(Estimator):
-    """Friction as a fourth state, for sigma points: a derivative by friction is zero until the tyres are near it.
+class FrictionUnscentedKalmanFilter(UnscentedKalmanFilter):
+    """The unscented filter with the road's friction as a fourth state. Julier, Uhlmann (1997); Ray (1997).
 
-    Julier, Uhlmann (1997); friction as a state for tyre models as in Ray (1997). It begins with the friction that is
-    told, and returns to it while nothing says otherwise.
+    Sigma points, since a derivative by friction is zero until the tyres are near it. It begins with the friction that
+    is told, and returns to it while nothing says otherwise.
 
     Raises:
         ValueError: If the noise or the prior of friction is negative, or its decay not positive.
@@ -31,9 +25,6 @@ class FrictionUnscentedKalmanFilter(Estimator):
     noise: float = tunable(0.3, 0.02, 3.0)  # density of the friction's random walk [1/sqrt(s)]
     prior: float = 0.2  # standard deviation of friction at the start [-]
     decay: float = tunable(2.0, 0.2, 50.0)  # time after which a third of what friction departs by is left [s]
-    alpha: float = 1.0  # spread of the points [-]
-    beta: float = 2.0  # 2 suits a Gaussian [-]
-    kappa: float = 0.0
     # An outlier that throws the car sideways is soon taken for a slippery road, and nothing calls it back from there.
     gate: Gate = field(default=Gate(0.999), kw_only=True)
 
@@ -44,24 +35,12 @@ class FrictionUnscentedKalmanFilter(Estimator):
                 f"{self.decay}"
             )
 
-    def init(self, nominal: Nominal, rng: np.random.Generator) -> GaussianState:
-        model = with_friction(self.model.build(nominal), float(self.noise), float(self.prior), float(self.decay))
-        rule: Any = Unscented(float(self.alpha), float(self.beta), float(self.kappa))
-        if self.gate.passing < 1:
-            rule, model = Gated(rule, self.gate.limit, self.gate.readings(nominal)), self.gate.remembered(model)
-        output = np.array([*model.prior_mean[:3], 0.0, 0.0, np.nan, 0.0])
-        belief = np.concatenate((model.prior_mean, model.prior_cov.ravel(), model.memory, output))
-        return GaussianState(hold((rule, model)), belief)
-
-    def update(self, state: GaussianState, reading: Reading, rng: np.random.Generator) -> GaussianState:
-        constants, belief = state
-        return GaussianState(constants, filter_update(constants, belief, reading.inputs, reading.y))
+    def believed(self, nominal: Nominal) -> FrictionSingleTrack:
+        car = self.model.build(nominal)
+        return with_friction(car, float(self.noise), float(self.prior), float(self.decay))
 
     def estimate(self, state: GaussianState) -> Estimate:
         vx, vy, yaw_rate, ax, ay, _, _ = state.output.tolist()
         cov = state.cov
         friction, std = within(float(state.mean[3])), math.sqrt(max(0.0, cov[3, 3]))
         return Estimate(vx, vy, yaw_rate, ax, ay, cov[:3, :3], friction=friction, friction_std=std)
-
-    def innovation(self, state: GaussianState) -> tuple[float, float]:
-        return float(state.output[5]), float(state.output[6])

@@ -13,7 +13,7 @@ from vse_gym.inference.gaussian.fuzzy_adaptive import FuzzyAdaptive
 from vse_gym.inference.least_squares import LeastSquares
 from vse_gym.models import ModelTuning, Nominal
 from vse_gym.models.three_dof import HEARD, ThreeDofTuning
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import check_channels, tunable
 from vse_gym.types import Array, Estimate
 
 
@@ -27,9 +27,10 @@ def motion_cov(mean: Array, cov: Array) -> Array:
 
 @dataclass(frozen=True)
 class ThreeDofExtendedKalmanFilter(ExtendedKalmanFilter):
-    """The comparison of Wang, Wei, Zhao, Zhang, Yan (2017): it believes the data sheet's mass and its own R.
+    """The extended filter on linear tyres, driven by the measured ax: the comparison of Wang, Wei et al. (2017).
 
-    doi:10.3969/j.issn.1004-132X.2017.06.019. It gives no ax, which is an input of its model.
+    doi:10.3969/j.issn.1004-132X.2017.06.019. It believes the data sheet's mass and its own R, and gives no ax, which is
+    an input of its model.
     """
 
     model: ModelTuning = field(default_factory=ThreeDofTuning)
@@ -68,14 +69,14 @@ class FuzzyAdaptiveKalmanFilter(IdentifyingFilter):
     change: float = 0.1  # change of e between two readings that is as large as it gets [-]
 
     def __post_init__(self) -> None:
-        if wrong := set(self.adapted) - set(HEARD):
-            raise ValueError(f"adapted holds what there is not: {sorted(wrong)}; known: {', '.join(HEARD)}")
+        check_channels("adapted", self.adapted, HEARD)
         if not 0 < self.forgetting <= 1:
             raise ValueError(f"forgetting must lie in (0, 1], not {self.forgetting}")
         if not 0 < self.mass_bounds[0] <= self.mass_start <= self.mass_bounds[1]:
             raise ValueError(f"mass_start must lie within mass_bounds {self.mass_bounds}, not {self.mass_start}")
         if not (self.window >= 1 and self.decades > 0 and self.change > 0 and self.mass_prior > 0):
-            raise ValueError("window must be at least 1, and decades, change and mass_prior positive")
+            numbers = f"{self.window}, {self.decades}, {self.change} and {self.mass_prior}"
+            raise ValueError(f"window must be at least 1, and decades, change and mass_prior positive, not {numbers}")
 
     def start(self, nominal: Nominal) -> Start:
         model, mass = self.model.build(nominal), nominal.vehicle.mass

@@ -25,7 +25,7 @@ from vse_gym.inference.gaussian import (
     keep,
 )
 from vse_gym.models import DoubleTrackTuning, ModelTuning, Nominal, SingleTrackTuning
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import check_channels, tunable
 from vse_gym.noise import contamination
 from vse_gym.types import CHANNELS, Array, Estimate, Reading
 
@@ -112,14 +112,23 @@ class GaussianFilter(Estimator):
     def rule(self) -> Any:
         """How a Gaussian passes through a function, one of the rules of ``inference.gaussian``."""
 
+    def believed(self, nominal: Nominal) -> Any:
+        """The model of a nominal car."""
+        return self.model.build(nominal)
+
     def remembered(self, model: Any) -> Any:
         """The model with room for what the rule remembers; most remember nothing."""
         return model
 
-    def init(self, nominal: Nominal, rng: np.random.Generator) -> GaussianState:
-        model, rule = self.remembered(self.model.build(nominal)), self.rule
+    def gated(self, model: Any, nominal: Nominal) -> tuple[Any, Any]:
+        """The rule, behind the gate if there is one, and the model with room for what both remember."""
+        rule, model = self.rule, self.remembered(model)
         if self.gate.passing < 1:
-            rule, model = Gated(rule, self.gate.limit, self.gate.readings(nominal)), self.gate.remembered(model)
+            return Gated(rule, self.gate.limit, self.gate.readings(nominal)), self.gate.remembered(model)
+        return rule, model
+
+    def init(self, nominal: Nominal, rng: np.random.Generator) -> GaussianState:
+        rule, model = self.gated(self.believed(nominal), nominal)
         mean = model.prior_mean
         output = np.array([mean[0], mean[1], mean[2], 0.0, 0.0, np.nan, 0.0])
         belief = np.concatenate((mean, keep(rule, model.prior_cov).ravel(), model.memory, output))
@@ -139,8 +148,11 @@ class GaussianFilter(Estimator):
         return float(state.output[5]), float(state.output[6])
 
     def tell_friction(self, state: GaussianState, friction: float) -> GaussianState:
-        if friction == state.model.friction:  # holding anew costs more than an update
+        known = getattr(state.model, "friction", None)
+        if friction == known:  # holding anew costs more than an update
             return state
+        if known is None:
+            raise TypeError(f"{type(state.model).__name__} cannot be told the friction")
         rule, model = state.constants.value
         return GaussianState(hold((rule, model._replace(friction=float(friction)))), state.belief)
 
@@ -203,8 +215,7 @@ class CauchyGaussianKalmanFilter(GaussianFilter):
 
     def __post_init__(self) -> None:
         contamination(self.alpha)
-        if wrong := set(self.heavy) - set(CHANNELS):
-            raise ValueError(f"heavy names no such channel: {sorted(wrong)}; known: {', '.join(CHANNELS)}")
+        check_channels("heavy", self.heavy)
 
     @property
     def rule(self) -> HeavyTailed:

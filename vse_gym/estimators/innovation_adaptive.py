@@ -1,13 +1,12 @@
 """The extended Kalman filter that finds its measurement noise on line."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from vse_gym.compiled import hold
-from vse_gym.estimators.gaussian import GaussianFilter, GaussianState
-from vse_gym.inference.gaussian import Extended, keep
+from vse_gym.estimators.gaussian import GaussianFilter
+from vse_gym.inference.gaussian import Extended
 from vse_gym.inference.gaussian.innovation_adaptive import adaptive_memory
 from vse_gym.models import Nominal
 from vse_gym.models.adaptation import Adaptation
@@ -25,11 +24,7 @@ class InnovationAdaptiveKalmanFilter(GaussianFilter):
     adaptation: Adaptation = field(default_factory=Adaptation)
     rule: ClassVar[Extended] = Extended()
 
-    def init(self, nominal: Nominal, rng: np.random.Generator) -> GaussianState:
-        model = self.model.build(nominal)
+    def gated(self, model: Any, nominal: Nominal) -> tuple[Any, Any]:
         rule = self.adaptation.rule(self.rule, self.gate.limit, self.gate.readings(nominal))
         memory = np.concatenate((model.memory, adaptive_memory(len(CHANNELS), rule.window)))
-        mean = model.prior_mean
-        output = np.array([mean[0], mean[1], mean[2], 0.0, 0.0, np.nan, 0.0])
-        belief = np.concatenate((mean, keep(rule, model.prior_cov).ravel(), memory, output))
-        return GaussianState(hold((rule, model._replace(memory=memory))), belief)
+        return rule, model._replace(memory=memory)

@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from vse_gym.estimators.base import Estimator
-from vse_gym.inference.autoregression import Adaptation, autoregressions
+from vse_gym.estimators.particle import cauchy_shares
+from vse_gym.inference.autoregression import AutoregressionTuning, autoregressions
 from vse_gym.inference.model_adaptive import ModelAdaptive, Swarm, adaptive_step
 from vse_gym.inference.particle import draw
 from vse_gym.inference.wavelet import DONOHO, PRINTED, noise_level
 from vse_gym.models import DataSheet, DoubleTrackTuning, ModelTuning, Nominal
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import check_channels, tunable
 from vse_gym.noise import contamination
 from vse_gym.types import CHANNELS, Array, Estimate, Reading
 
@@ -85,6 +86,8 @@ class ModelAdaptiveParticleFilter(Estimator):
         if self.size < 2 or self.order < 1 or self.window < 2 * self.order:
             sizes = f"{self.size}, {self.order} and {self.window}"
             raise ValueError(f"size must be at least 2, order 1 and window twice the order, not {sizes}")
+        if self.window % 2:
+            raise ValueError(f"window must be an even number of readings, not {self.window}")
         for name in ("coefficient", "noise_rate", "smoothing", "radius"):
             if not 0 < getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie in (0, 1], not {getattr(self, name)}")
@@ -93,8 +96,7 @@ class ModelAdaptiveParticleFilter(Estimator):
                 f"noise_gain and least_noise must not be negative, not {self.noise_gain} and {self.least_noise}"
             )
         contamination(self.alpha)
-        if wrong := set(self.heavy) - set(CHANNELS):
-            raise ValueError(f"heavy names no such channel: {sorted(wrong)}; known: {', '.join(CHANNELS)}")
+        check_channels("heavy", self.heavy)
 
     @property
     def physics(self) -> bool:
@@ -105,7 +107,7 @@ class ModelAdaptiveParticleFilter(Estimator):
         model, sheet = self.model.build(nominal), sheet_variances(nominal.sheet)
         mean, hold = model.prior_mean, np.zeros(self.order)
         hold[0] = 0.0 if self.physics else 1.0
-        adaptation = Adaptation(
+        adaptation = AutoregressionTuning(
             rate=float(self.coefficient),
             noise_rate=float(self.noise_rate),
             printed=float(self.gain == "printed"),
@@ -122,7 +124,7 @@ class ModelAdaptiveParticleFilter(Estimator):
             smoothing=float(self.smoothing),
             constant=CONSTANTS[self.constant],
             noise_gain=float(self.noise_gain),
-            shares=np.array([contamination(self.alpha) * (name in self.heavy) for name in CHANNELS]),
+            shares=cauchy_shares(contamination(self.alpha), self.heavy),
             resample_below=float(self.resample_below),
         )
         states = draw(mean, model.prior_cov, self.size, rng)
@@ -155,9 +157,9 @@ class ModelAdaptiveParticleFilter(Estimator):
 
 @dataclass(frozen=True)
 class PhysicsAdaptiveParticleFilter(ModelAdaptiveParticleFilter):
-    """The same with the car in the transition: its model's prediction, and the autoregression of what that leaves over.
+    """``mapf`` with the car in the transition: the autoregressions are of what a model's prediction leaves over.
 
-    Not in the paper: an autoregression alone cannot see the driver turn the wheel.
+    Not in the paper of Qin et al. (2014): an autoregression alone cannot see the driver turn the wheel.
     """
 
     model: ModelTuning = PHYSICS_TUNING

@@ -9,7 +9,8 @@ import numpy as np
 from vse_gym.estimators.base import Estimator
 from vse_gym.inference.particle import bootstrap_step, draw
 from vse_gym.models import ModelTuning, Nominal, SingleTrackTuning
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import check_channels, tunable
+from vse_gym.noise import contamination
 from vse_gym.types import CHANNELS, Array, Estimate, Reading
 
 # From the random search that the Kalman filters' defaults come from, with the same budget. Theirs starves a
@@ -61,15 +62,15 @@ class BootstrapParticleFilter(Estimator):
     def __post_init__(self) -> None:
         if self.likelihood not in ("gaussian", "cauchy_gaussian"):
             raise ValueError(f"likelihood must be 'gaussian' or 'cauchy_gaussian', not {self.likelihood!r}")
-        if self.size < 2 or not 1 <= self.alpha <= 2:
-            raise ValueError(f"size must be at least 2 and alpha in [1, 2], not {self.size} and {self.alpha}")
-        if wrong := set(self.heavy) - set(CHANNELS):
-            raise ValueError(f"heavy names no such channel: {sorted(wrong)}; known: {', '.join(CHANNELS)}")
+        contamination(self.alpha)
+        if self.size < 2:
+            raise ValueError(f"size must be at least 2, not {self.size}")
+        check_channels("heavy", self.heavy)
 
     @property
     def cauchy_share(self) -> float:
         """Weight of the Cauchy part in the likelihood [-]. Qin et al. (2014)."""
-        return 0.0 if self.likelihood == "gaussian" else (4 - self.alpha**2) / (3 * self.alpha**2)
+        return 0.0 if self.likelihood == "gaussian" else contamination(self.alpha)
 
     def init(self, nominal: Nominal, rng: np.random.Generator) -> Particles:
         model = self.model.build(nominal)

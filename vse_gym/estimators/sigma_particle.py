@@ -9,14 +9,15 @@ import numpy as np
 from vse_gym.compiled import hold
 from vse_gym.estimators.base import Estimator, found
 from vse_gym.estimators.particle import cauchy_shares
-from vse_gym.inference.gaussian import Cubature, SageHusa, Unscented, untaught
+from vse_gym.inference.gaussian import Unscented
 from vse_gym.inference.linalg import cholesky
 from vse_gym.inference.particle import draw
 from vse_gym.inference.particle_proposal import proposal_step
 from vse_gym.models import ModelTuning, Nominal, RollTrackTuning
-from vse_gym.models.tuning import tunable
+from vse_gym.models.adaptation import SageHusaTuning
+from vse_gym.models.tuning import check_channels, tunable
 from vse_gym.noise import contamination
-from vse_gym.types import CHANNELS, Array, Estimate, Reading
+from vse_gym.types import Array, Estimate, Reading
 
 # From a random search for all members, on six drives of three cars. With the Kalman filters' numbers a particle's own
 # doubt is many times the step that its state may take, and few of a hundred draws are worth anything.
@@ -79,8 +80,7 @@ class SigmaParticleFilter(Estimator):
                 "size must be at least 2, widening lie in [1, 2] and carried in [0, 1], not "
                 f"{self.size}, {self.widening} and {self.carried}"
             )
-        if wrong := set(self.heavy) - set(CHANNELS):
-            raise ValueError(f"heavy names no such channel: {sorted(wrong)}; known: {', '.join(CHANNELS)}")
+        check_channels("heavy", self.heavy)
 
     @property
     @abstractmethod
@@ -153,21 +153,15 @@ class UnscentedParticleFilter(SigmaParticleFilter):
 
 
 @dataclass(frozen=True)
-class AdaptiveCubatureParticleFilter(SigmaParticleFilter):
+class AdaptiveCubatureParticleFilter(SageHusaTuning, SigmaParticleFilter):
     """Every particle looks ahead by a cubature filter with reading noise found on line. CN110532590A (2019).
 
     Sage and Husa's estimate of that noise is one for all particles, fed by their weighted mean.
     """
 
-    forgetting: float = tunable(0.98, 0.9, 0.999)  # b [-]
-    floor: float = 0.1  # least factor on the variance that the model gives [-]
-    cap: float = 10.0  # greatest [-]
-    limit: float = 9.0  # squared innovation over its variance beyond which a reading teaches nothing [-]
-    head_start: float = 50.0  # readings that count as having agreed with the model before the first [-]
-
-    @property
-    def rule(self) -> SageHusa:
-        return SageHusa(Cubature(), *map(float, (self.forgetting, self.floor, self.cap, self.limit)))
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        SigmaParticleFilter.__post_init__(self)
 
     def memory(self, model: Any) -> Array:
-        return np.concatenate((model.memory, untaught(self.rule, model.variances.size, self.head_start)))
+        return self.taught(model)

@@ -7,7 +7,7 @@ import numpy as np
 from vse_gym.estimators.gaussian import GaussianFilter, GaussianState
 from vse_gym.inference.gaussian import StrongTracking
 from vse_gym.models import Nominal
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import check_channels, tunable
 from vse_gym.types import CHANNELS
 
 
@@ -34,8 +34,7 @@ class StrongTrackingKalmanFilter(GaussianFilter):
             )
         if not all(0 <= share < np.inf for share in self.shares):
             raise ValueError(f"shares must not be negative, not {self.shares}")
-        if wrong := set(self.watched) - set(CHANNELS):
-            raise ValueError(f"watched names no such channel: {sorted(wrong)}; known: {', '.join(CHANNELS)}")
+        check_channels("watched", self.watched)
 
     @property
     def rule(self) -> StrongTracking:

@@ -91,13 +91,13 @@ def switching_update(constants, belief, u, y):
 
 @dataclass(frozen=True)
 class SwitchingEstimator(SchemesTuning, Estimator):
-    """One of two schemes at a time: Chen, Wu, Ge, Zhao (2024), Automotive Engineering 46(2), for the sideslip angle.
+    """A Kalman filter while the car turns gently, else the integral of ay - r vx. Chen, Wu, Ge, Zhao (2024).
 
-    doi:10.19562/j.chinasae.qcgc.2024.02.017. While the median-filtered |ay| is small, a Kalman filter on the linear
-    bicycle hears ay and yaw rate as they are; else dvy/dt = ay - r vx is integrated from ay filtered and tested and the
-    tested yaw rate: the paper's only use for it, as its dynamic scheme takes the raw one. The belief is handed from one
-    scheme to the other, vy with the variance that it has; the integral takes readings for as noisy as the data sheet
-    says, and knows nothing of their biases.
+    Automotive Engineering 46(2), doi:10.19562/j.chinasae.qcgc.2024.02.017. While the median-filtered |ay| is small, the
+    filter on the linear bicycle hears ay and yaw rate as they are; else dvy/dt = ay - r vx is integrated from ay
+    filtered and tested and the tested yaw rate: the paper's only use for it, as its dynamic scheme takes the raw one.
+    The belief is handed from one scheme to the other, vy with the variance that it has; the integral takes readings for
+    as noisy as the data sheet says, and knows nothing of their biases.
 
     Raises:
         ValueError: If the median's length is not odd, or the threshold below the hysteresis.

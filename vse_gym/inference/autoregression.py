@@ -13,7 +13,7 @@ ROUNDING = 1e-9
 HALVINGS = 6  # of a step, before it is refused
 
 
-class Adaptation(NamedTuple):
+class AutoregressionTuning(NamedTuple):
     """How autoregressions learn."""
 
     rate: float  # update coefficient UC: what is t steps old counts (1 - UC)^t [-]
@@ -34,7 +34,7 @@ class Autoregressions(NamedTuple):
     time: float  # samples so far
 
 
-def autoregressions(adaptation: Adaptation, first: NDArray[np.float64]) -> Autoregressions:
+def autoregressions(adaptation: AutoregressionTuning, first: NDArray[np.float64]) -> Autoregressions:
     """As if each series had had its first value (n,) for ever."""
     n, p = first.size, adaptation.start.size
     doubt = 0.0 if adaptation.printed else LARGEST / p if adaptation.window > 0 else GIVEN

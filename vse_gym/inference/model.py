@@ -4,6 +4,7 @@ A model is a NamedTuple of its parameters with at least the fields
 
     prior_mean (n,), prior_cov (n, n)   belief one step before the first reading
     process_cov (n, n)                  covariance of the noise that one step adds to the state
+    variances (m,)                      of the channels' noise, for gates and for what adapts it; NaN: not used
     memory (k,)                         initial value of what the model remembers beside the state
 
 States travel as columns, (n, N): one column for a mean, 2n + 1 for sigma points, hundreds for particles.

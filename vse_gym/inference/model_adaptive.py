@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vse_gym.compiled import compiled
-from vse_gym.inference.autoregression import Adaptation, Autoregressions, adapt, coefficients_used
+from vse_gym.inference.autoregression import Autoregressions, AutoregressionTuning, adapt, coefficients_used
 from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.inference.particle import log_likelihood, systematic
 from vse_gym.inference.wavelet import NoiseLevel, listen
@@ -17,7 +17,7 @@ class ModelAdaptive(NamedTuple):
     """What does not change during a drive."""
 
     model: Any
-    adaptation: Adaptation
+    adaptation: AutoregressionTuning
     physics: bool  # the autoregression is of what the model's prediction leaves over, not of the state itself
     sheet: NDArray[np.float64]  # R_0: variances of the sensors as their data sheet has them, (m,)
     least_noise: float  # R is at least this share of R_0 [-]

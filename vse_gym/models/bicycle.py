@@ -9,8 +9,9 @@ import numpy as np
 from vse_gym.compiled import compiled
 from vse_gym.inference.linear import matrices, report_linear
 from vse_gym.inference.model import attend, heed
+from vse_gym.models.channels import BRAKING
 from vse_gym.models.nominal import Nominal
-from vse_gym.models.single_track import BRAKING, SLOWEST, SingleTrack, SingleTrackTuning, commanded
+from vse_gym.models.single_track import SLOWEST, SingleTrack, SingleTrackTuning, commanded
 from vse_gym.models.tuning import tunable
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.types import CHANNELS, U_BRAKE, U_DRIVE, U_STEER, Y_AX, Y_AY, Y_SIDESLIP, Y_WHEEL, Y_YAW_RATE, Array

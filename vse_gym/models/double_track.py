@@ -8,15 +8,9 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.model import advance, attend, heed, observe, report
+from vse_gym.models.channels import BRAKING, attend_wheels, read_extras, read_motion
 from vse_gym.models.nominal import Nominal
-from vse_gym.models.single_track import (
-    BRAKING,
-    SLOWEST,
-    SingleTrackTuning,
-    attend_wheels,
-    read_extras,
-    read_motion,
-)
+from vse_gym.models.single_track import SLOWEST, SingleTrackTuning
 from vse_gym.models.tuning import tunable
 from vse_gym.physics.double_track import wheel_load, wheel_position
 from vse_gym.physics.parameters import GRAVITY, Vehicle

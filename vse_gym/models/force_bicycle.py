@@ -9,15 +9,9 @@ import numpy as np
 from vse_gym.compiled import compiled
 from vse_gym.inference.identification import instruct, regress
 from vse_gym.inference.model import advance, attend, heed, observe, report
+from vse_gym.models.channels import attend_wheels, read_motion
 from vse_gym.models.nominal import Nominal
-from vse_gym.models.single_track import (
-    SLOWEST,
-    SingleTrack,
-    SingleTrackTuning,
-    attend_wheels,
-    commanded,
-    read_motion,
-)
+from vse_gym.models.single_track import SingleTrack, SingleTrackTuning, commanded, slowest_linear
 from vse_gym.models.tuning import tunable
 from vse_gym.types import U_STEER, Y_AX, Y_AY, Y_SIDESLIP, Y_SPEED, Y_YAW_RATE, Array
 
@@ -108,11 +102,9 @@ class ForceBicycleTuning:
         turning = slope * (car.yaw_inertia / wheelbase * sheet.yaw_rate) ** 2
         pushing = smooth * (car.mass / wheelbase * sheet.acceleration) ** 2
         forces = [pushing * arm**2 + turning + self.force_error**2 for arm in (car.lr, car.lf)]
-        cf, cr = car.stiffness_front, car.stiffness_rear
-        pole = max((cf + cr) / car.mass, (car.lf**2 * cf + car.lr**2 * cr) / car.yaw_inertia)  # times the speed
         return ForceBicycle(
             car=car._replace(variances=heard),
-            slowest=max(SLOWEST, dt * pole),
+            slowest=slowest_linear(car),
             keep=keep,
             settled=float(math.ceil(SETTLED * self.lag / dt)),
             least_slip=float(self.least_slip),

@@ -11,7 +11,7 @@ from vse_gym.inference.model import attend
 from vse_gym.inference.pretreatment import LowPass, low_pass, low_pass_step, reliable
 from vse_gym.models.bicycle import LinearBicycle, LinearBicycleTuning
 from vse_gym.models.nominal import Nominal
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import check_channels, tunable
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.types import U_STEER, Y_AY, Y_YAW_RATE, Array
 
@@ -59,8 +59,7 @@ class Pretreatment:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "filtered", tuple(self.filtered))
-        if wrong := set(self.filtered) - set(FILTERED):
-            raise ValueError(f"filtered names no such channel: {sorted(wrong)}; known: {', '.join(FILTERED)}")
+        check_channels("filtered", self.filtered, FILTERED)
         for name in ("corner", "damping", "yaw_rate_band", "ay_band"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)}")

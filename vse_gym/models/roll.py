@@ -12,6 +12,7 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.model import advance, attend, heed, observe, recall, remember, report
+from vse_gym.models.channels import attend_wheels, read_extras
 from vse_gym.models.double_track import (
     GAIN_X,
     GAIN_Y,
@@ -28,7 +29,6 @@ from vse_gym.models.double_track import (
     wheel_table,
 )
 from vse_gym.models.nominal import Nominal
-from vse_gym.models.single_track import attend_wheels, read_extras
 from vse_gym.models.tuning import tunable
 from vse_gym.physics.parameters import GRAVITY, RollingBody, Vehicle
 from vse_gym.types import WHEELS, Y_AX, Y_AY, Y_ROLL_RATE, Y_WHEEL, Array

@@ -8,6 +8,7 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.model import advance, attend, heed, observe, report
+from vse_gym.models.channels import BRAKING, attend_wheels, read_extras, read_motion
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.tuning import tunable
 from vse_gym.physics.parameters import GRAVITY
@@ -22,7 +23,6 @@ from vse_gym.types import (
     Y_ROLL_RATE,
     Y_SIDESLIP,
     Y_SPEED,
-    Y_WHEEL,
     Y_YAW_RATE,
     Array,
 )
@@ -119,7 +119,13 @@ class SingleTrackTuning:
 
 
 SLOWEST = 2.0  # speed to which slip angles are taken at least: below, a step of 10 ms would be unstable [m/s]
-BRAKING = 20.0  # a wheel with more brake torque than this is braking, with more drive torque driven [N m]
+
+
+def slowest_linear(car: SingleTrack) -> float:
+    """The same for linear tyres and Euler's method: a step times the faster pole is at most one [m/s]."""
+    cf, cr = car.stiffness_front, car.stiffness_rear
+    pole = max((cf + cr) / car.mass, (car.lf**2 * cf + car.lr**2 * cr) / car.yaw_inertia)  # times the speed
+    return max(SLOWEST, car.dt * pole)
 
 
 class Commanded(NamedTuple):
@@ -189,7 +195,7 @@ def _lateral(theta, peak):
 
 
 @compiled
-def _forces(model, c, vx, vy, yaw_rate):
+def accelerations(model, c, vx, vy, yaw_rate):
     """Specific forces ax, ay [m/s2] and yaw acceleration [rad/s2] of the single track."""
     speed = max(vx, SLOWEST)
     vy_front = vy + model.lf * yaw_rate
@@ -211,39 +217,14 @@ def _(model, states, u):
     out = np.empty_like(states)
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
-        ax, ay, dr = _forces(model, c, vx, vy, r)
+        ax, ay, dr = accelerations(model, c, vx, vy, r)
         dvx, dvy = ax + vy * r, ay - vx * r
         wx, wy, q = vx + h * dvx, vy + h * dvy, r + h * dr
-        ax, ay, dq = _forces(model, c, wx, wy, q)
+        ax, ay, dq = accelerations(model, c, wx, wy, q)
         out[0, j] = vx + 0.5 * h * (dvx + ax + wy * q)
         out[1, j] = vy + 0.5 * h * (dvy + ay - wx * q)
         out[2, j] = r + 0.5 * h * (dr + dq)
     return out
-
-
-@compiled
-def read_motion(car, cos_steer, sin_steer, vx, vy, r, out, j):
-    """Fill column j of ``out`` with what follows from the motion alone: yaw rate and rolling wheels."""
-    per_radius, half_front, half_rear = 1 / car.wheel_radius, 0.5 * car.track_front, 0.5 * car.track_rear
-    across = (vy + car.lf * r) * sin_steer
-    out[Y_YAW_RATE, j] = r
-    out[Y_WHEEL, j] = ((vx - half_front * r) * cos_steer + across) * per_radius
-    out[Y_WHEEL + 1, j] = ((vx + half_front * r) * cos_steer + across) * per_radius
-    out[Y_WHEEL + 2, j] = (vx - half_rear * r) * per_radius
-    out[Y_WHEEL + 3, j] = (vx + half_rear * r) * per_radius
-
-
-@compiled
-def read_extras(variances, states, out):
-    """Fill the rows of ``out`` of what no production car has: what an optical sensor would read, if it is on board.
-
-    A loop of its own: asking in the one before would cost a particle filter 15 % where there is no such sensor.
-    """
-    out[Y_SPEED:] = 0.0
-    if not (math.isnan(variances[Y_SPEED]) and math.isnan(variances[Y_SIDESLIP])):
-        for j in range(states.shape[1]):
-            vx, vy = states[0, j], states[1, j]
-            out[Y_SPEED, j], out[Y_SIDESLIP, j] = math.sqrt(vx * vx + vy * vy), math.atan2(vy, vx)
 
 
 @observe.register(SingleTrack)
@@ -253,7 +234,7 @@ def _(model, states, u):
     out = np.empty((10, states.shape[1]))
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
-        out[Y_AX, j], out[Y_AY, j], _ = _forces(model, c, vx, vy, r)
+        out[Y_AX, j], out[Y_AY, j], _ = accelerations(model, c, vx, vy, r)
         read_motion(model, c.cos_steer, c.sin_steer, vx, vy, r, out, j)
     read_extras(model.variances, states, out)
     return out
@@ -277,54 +258,11 @@ def _(model, u, y):
     return out
 
 
-@attend.register(SingleTrack)
-@compiled
-def attend_wheels(model, memory, u, y):
-    """``attend`` for models that predict the readings of rolling wheels."""
-    # A driven wheel slips: it is left out while one that rolls freely is heard. So does a braking one, which is slow to
-    # spin up again. While all brake, the fastest stays, with a standard
-    # deviation of some slip, but only if it keeps up with a reference speed that falls no faster than the
-    # accelerometer says: else it is locking, and would draw the estimate, and the slip limiter, down with it.
-    variances, after = np.empty(10), np.empty(5)
-    for i in range(10):
-        variances[i] = np.nan if math.isnan(y[i]) else model.variances[i]
-    fastest, rolling, total = -1, 0, 0.0
-    free, free_total = 0, 0.0
-    for i in range(4):
-        after[i] = 0.0 if u[U_BRAKE + i] > BRAKING else memory[i] + model.dt
-        speed = y[Y_WHEEL + i]
-        if math.isnan(speed):
-            continue
-        if fastest < 0 or speed > y[Y_WHEEL + fastest]:
-            fastest = i
-        if after[i] < model.brake_hold:
-            variances[Y_WHEEL + i] = np.nan
-        else:
-            rolling += 1
-            total += speed
-            variances[Y_WHEEL + i] += (model.slip * speed) ** 2
-            if abs(u[U_DRIVE + i]) <= BRAKING:
-                free += 1
-                free_total += speed
-    if 0 < free < rolling:
-        for i in range(4):
-            if abs(u[U_DRIVE + i]) > BRAKING:
-                variances[Y_WHEEL + i] = np.nan
-        rolling, total = free, free_total
-    if rolling > 0:
-        after[4] = model.wheel_radius * total / rolling
-        return variances, after
-    felt = -model.friction * GRAVITY if math.isnan(y[Y_AX]) else min(0.0, y[Y_AX])
-    after[4] = memory[4] + model.dt * (felt - model.brake_margin)
-    if fastest >= 0 and model.wheel_radius * y[Y_WHEEL + fastest] >= after[4]:
-        k = Y_WHEEL + fastest
-        after[4] = model.wheel_radius * y[k]
-        variances[k] = model.variances[k] + (model.brake_slip * y[k]) ** 2
-    return variances, after
+attend.register(SingleTrack)(attend_wheels)
 
 
 @report.register(SingleTrack)
 @compiled
 def _(model, state, u):
-    ax, ay, _ = _forces(model, commanded(model, u), state[0], state[1], state[2])
+    ax, ay, _ = accelerations(model, commanded(model, u), state[0], state[1], state[2])
     return np.array([state[0], state[1], state[2], ax, ay])

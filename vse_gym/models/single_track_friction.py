@@ -7,7 +7,8 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.model import advance, attend, heed, observe, report
-from vse_gym.models.single_track import Commanded, SingleTrack, _forces, commanded, read_extras, read_motion
+from vse_gym.models.channels import read_extras, read_motion
+from vse_gym.models.single_track import Commanded, SingleTrack, accelerations, commanded
 from vse_gym.types import CHANNELS, Y_AX, Y_AY, Array
 
 LOWEST, HIGHEST = 0.05, 1.2  # a friction outside is taken as the nearer of them [-]
@@ -85,10 +86,10 @@ def _(model, states, u):
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
         road = on_road(c, told, states[3, j])
-        ax, ay, dr = _forces(car, road, vx, vy, r)
+        ax, ay, dr = accelerations(car, road, vx, vy, r)
         dvx, dvy = ax + vy * r, ay - vx * r
         wx, wy, q = vx + h * dvx, vy + h * dvy, r + h * dr
-        ax, ay, dq = _forces(car, road, wx, wy, q)
+        ax, ay, dq = accelerations(car, road, wx, wy, q)
         out[0, j] = vx + 0.5 * h * (dvx + ax + wy * q)
         out[1, j] = vy + 0.5 * h * (dvy + ay - wx * q)
         out[2, j] = r + 0.5 * h * (dr + dq)
@@ -105,7 +106,7 @@ def _(model, states, u):
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
         road = on_road(c, car.friction, states[3, j])
-        out[Y_AX, j], out[Y_AY, j], _ = _forces(car, road, vx, vy, r)
+        out[Y_AX, j], out[Y_AY, j], _ = accelerations(car, road, vx, vy, r)
         read_motion(car, c.cos_steer, c.sin_steer, vx, vy, r, out, j)
     read_extras(model.variances, states, out)
     return out
@@ -127,5 +128,5 @@ def _(model, memory, u, y):
 @compiled
 def _(model, state, u):
     road = on_road(commanded(model.car, u), model.car.friction, state[3])
-    ax, ay, _ = _forces(model.car, road, state[0], state[1], state[2])
+    ax, ay, _ = accelerations(model.car, road, state[0], state[1], state[2])
     return np.array([state[0], state[1], state[2], ax, ay])

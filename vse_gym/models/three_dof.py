@@ -9,18 +9,10 @@ import numpy as np
 from vse_gym.compiled import compiled
 from vse_gym.inference.identification import instruct, regress
 from vse_gym.inference.model import advance, attend, heed, observe, report
+from vse_gym.models.channels import BRAKING, attend_wheels, read_extras, read_motion
 from vse_gym.models.nominal import Nominal
-from vse_gym.models.single_track import (
-    BRAKING,
-    SLOWEST,
-    SingleTrack,
-    SingleTrackTuning,
-    attend_wheels,
-    commanded,
-    read_extras,
-    read_motion,
-)
-from vse_gym.models.tuning import tunable
+from vse_gym.models.single_track import SingleTrack, SingleTrackTuning, commanded, slowest_linear
+from vse_gym.models.tuning import check_channels, tunable
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.types import (
     CHANNELS,
@@ -97,8 +89,7 @@ class ThreeDofTuning:
 
     def __post_init__(self) -> None:
         for name, known in (("hears", HEARD), ("mass_hears", MEASURED)):
-            if wrong := set(getattr(self, name)) - set(known):
-                raise ValueError(f"{name} holds what there is not: {sorted(wrong)}; known: {', '.join(known)}")
+            check_channels(name, getattr(self, name), known)
 
     def build(self, nominal: Nominal) -> ThreeDof:
         """The model of a nominal car with this trust."""
@@ -114,11 +105,9 @@ class ThreeDofTuning:
         channels[heard] = car.variances[heard]
         if Y_AY in heard:
             channels[Y_AY] = self.ay_variance
-        cf, cr = car.stiffness_front, car.stiffness_rear
-        pole = max((cf + cr) / car.mass, (car.lf**2 * cf + car.lr**2 * cr) / car.yaw_inertia)  # times the speed
         return ThreeDof(
             car=car._replace(variances=channels),
-            slowest=max(SLOWEST, nominal.dt * pole),
+            slowest=slowest_linear(car),
             measured_yaw_rate=float("yaw_rate" in self.mass_hears),
             measured_sideslip=float("sideslip" in self.mass_hears),
             force_variance=float(self.force_error**2),

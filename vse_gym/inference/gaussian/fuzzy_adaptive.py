@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.fuzzy import fuzzy_factor
-from vse_gym.inference.gaussian.recursion import believe, correct, covariance, foresee, keep, predict
-from vse_gym.inference.model import attend
+from vse_gym.inference.gaussian.recursion import believe, foresee
+from vse_gym.inference.gaussian.wrapped import leave_to_inner
 
 
 class FuzzyAdaptive(NamedTuple):
@@ -29,8 +29,11 @@ class FuzzyAdaptive(NamedTuple):
     change: float  # change of e from reading to reading that counts as 1 [-]
 
 
+leave_to_inner(FuzzyAdaptive)
+
+
 @compiled
-def adapt(rule, innovation, spread, variance, actual, last):
+def channel_factor(rule, innovation, spread, variance, actual, last):
     """One channel's factor U, its actual innovation variance and its e, given those before.
 
     Args:
@@ -52,7 +55,7 @@ def adapt(rule, innovation, spread, variance, actual, last):
 @compiled
 def _(fuzzy, model, mean, kept, memory, u, y):
     begin = memory.size - 2 * y.size
-    told, own = attend(model, memory[:begin], u, y)
+    told, own = believe(fuzzy.rule, model, mean, kept, memory[:begin], u, y)
     variances, after = told.copy(), memory.copy()
     for i in range(begin):
         after[i] = own[i]
@@ -60,32 +63,8 @@ def _(fuzzy, model, mean, kept, memory, u, y):
     for i in range(y.size):
         if fuzzy.adapted[i] > 0.0 and not math.isnan(variances[i]):
             k = begin + 2 * i
-            factor, after[k], after[k + 1] = adapt(
+            factor, after[k], after[k + 1] = channel_factor(
                 fuzzy, y[i] - expected[i], spread[i], variances[i], memory[k], memory[k + 1]
             )
             variances[i] *= factor
     return variances, after
-
-
-@keep.register(FuzzyAdaptive)
-@compiled
-def _(fuzzy, cov):
-    return keep(fuzzy.rule, cov)
-
-
-@covariance.register(FuzzyAdaptive)
-@compiled
-def _(fuzzy, kept):
-    return covariance(fuzzy.rule, kept)
-
-
-@predict.register(FuzzyAdaptive)
-@compiled
-def _(fuzzy, model, mean, kept, u):
-    return predict(fuzzy.rule, model, mean, kept, u)
-
-
-@correct.register(FuzzyAdaptive)
-@compiled
-def _(fuzzy, model, mean, kept, u, y, variances):
-    return correct(fuzzy.rule, model, mean, kept, u, y, variances)

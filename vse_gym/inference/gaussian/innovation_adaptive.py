@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.gaussian.gate import refuse
-from vse_gym.inference.gaussian.recursion import believe, correct, covariance, foresee, keep, predict
-from vse_gym.inference.model import attend
+from vse_gym.inference.gaussian.recursion import believe, foresee
+from vse_gym.inference.gaussian.wrapped import leave_to_inner
 
 
 class InnovationAdaptive(NamedTuple):
@@ -29,6 +29,9 @@ class InnovationAdaptive(NamedTuple):
     cap: NDArray[np.float64]  # (m,) [-]
     limit: float = math.inf  # largest squared innovation over its variance that passes [-]
     patience: float = 0.0  # a channel refused so often in a row is let through until it agrees again
+
+
+leave_to_inner(InnovationAdaptive)
 
 
 def adaptive_memory(channels: int, window: int) -> NDArray[np.float64]:
@@ -53,7 +56,7 @@ def _factor(rule, count, ratios, i):
 def _(rule, model, mean, kept, memory, u, y):
     m, length = y.size, rule.window
     begin = memory.size - m * (length + 2)
-    told, own = attend(model, memory[:begin], u, y)
+    told, own = believe(rule.rule, model, mean, kept, memory[:begin], u, y)
     variances, after = np.empty(m), memory.copy()
     for i in range(begin):
         after[i] = own[i]
@@ -70,27 +73,3 @@ def _(rule, model, mean, kept, memory, u, y):
             counts[i] += 1.0
             variances[i] = told[i] * _factor(rule, counts[i], windows[i], i)
     return variances, after
-
-
-@keep.register(InnovationAdaptive)
-@compiled
-def _(rule, cov):
-    return keep(rule.rule, cov)
-
-
-@covariance.register(InnovationAdaptive)
-@compiled
-def _(rule, kept):
-    return covariance(rule.rule, kept)
-
-
-@predict.register(InnovationAdaptive)
-@compiled
-def _(rule, model, mean, kept, u):
-    return predict(rule.rule, model, mean, kept, u)
-
-
-@correct.register(InnovationAdaptive)
-@compiled
-def _(rule, model, mean, kept, u, y, variances):
-    return correct(rule.rule, model, mean, kept, u, y, variances)
