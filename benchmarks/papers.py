@@ -50,7 +50,7 @@ def main(
         known = ", ".join(SYSTEMS)
         raise typer.BadParameter(f"no system {', '.join(sorted(unknown))}; known: {known}")
     out.mkdir(parents=True, exist_ok=True)
-    console, claims = Console(), []
+    console = Console()
     for system in wanted:
         begin = time.perf_counter()
         module: Any = import_module(f"papers_{system.lower()}")
@@ -58,20 +58,26 @@ def main(
             for name in track(module.TUNED, f"{system}: searching tunings", transient=True):
                 tune_for(system, name, module.training_drive, module.loss, budget or module.BUDGET)
         outcome: Outcome = module.run(Paper(system, range(seeds), jobs, out))
-        claims += outcome.claims
         text = _page(system, outcome, seeds, time.perf_counter() - begin)
         (out / f"{system}.md").write_text(text, encoding="utf-8")
+        (out / "claims.md").write_text(_all_claims(out), encoding="utf-8")
         console.print(on_screen(HEADS, [list(c) for c in outcome.claims], SYSTEMS[system], words=WORDS))
         for title, sheet in outcome.tables.items():
             console.print(on_screen(sheet.heads, sheet.rows, title))
         for note in outcome.notes:
             console.print(f"- {note}", highlight=False)
-    (out / "claims.md").write_text(_table(claims), encoding="utf-8")
     console.print(f"wrote {out}/claims.md, and a page with pictures for each system beside it")
 
 
 def _table(claims: list[Claim]) -> str:
     return markdown(HEADS, [list(claim) for claim in claims], WORDS)
+
+
+def _all_claims(out: Path) -> str:
+    """The claims of every page in the folder, each page's first table, as one."""
+    pages = [path.read_text(encoding="utf-8") for path in sorted(out.glob("[A-E].md"))]
+    tables = [page.split("\n\n")[1].splitlines() for page in pages]
+    return "\n".join([*tables[0][:2], *(line for table in tables for line in table[2:])]) + "\n"
 
 
 def _page(system: str, outcome: Outcome, seeds: int, seconds: float) -> str:
