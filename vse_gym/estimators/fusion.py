@@ -92,8 +92,8 @@ class FusionEstimator(SchemesTuning, Estimator):
     is known here, so the rest is this project's reading. The dynamic scheme, a cubature filter on the linear bicycle
     that finds its measurement noise on line, and the kinematic scheme run always, on the same readings as the
     switching estimator's. The integral of ay - r vx is drawn to the dynamic scheme's vy at the rate ``gain``: of what
-    changes more slowly the result is the dynamic scheme's, of the rest the integral's. While a sensor that is integrated
-    is silent for long, all of it is the dynamic scheme's. Covariance and NIS are those of the dynamic scheme.
+    changes more slowly the result is the dynamic scheme's, of the rest the integral's. While a sensor that is
+    integrated is silent for long, all of it is the dynamic scheme's. Covariance and NIS are those of the dynamic scheme.
 
     Raises:
         ValueError: If the gain is negative.
