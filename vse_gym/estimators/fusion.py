@@ -93,7 +93,7 @@ class FusionEstimator(SchemesTuning, Estimator):
     that finds its measurement noise on line, and the kinematic scheme run always, on the same readings as the
     switching estimator's. The integral of ay - r vx is drawn to the dynamic scheme's vy at the rate ``gain``: of what
     changes more slowly the result is the dynamic scheme's, of the rest the integral's. While a sensor that is
-    integrated is silent for long, all of it is the dynamic scheme's. Covariance and NIS are those of the dynamic scheme.
+    integrated is silent for long, all of it is the dynamic scheme's. Covariance and NIS belong to the dynamic scheme.
 
     Raises:
         ValueError: If the gain is negative.
