@@ -99,6 +99,23 @@ def test_on_the_straight_the_multiple_model_filter_returns_to_its_shares(nominal
     assert np.abs(np.array([e.friction for e in found]) - expected).max() < 0.1
 
 
+@pytest.mark.parametrize("friction", [0.45, 0.6, 0.75])
+def test_on_a_road_between_its_modes_the_multiple_model_filter_does_not_claim_to_know(nominal, friction):
+    # It can only say which mode is nearer. One that is sure of a mode knows the friction no better than the gap
+    # between modes: evenly spread within it, 0.6/sqrt(12) = 0.17.
+    found = said(ESTIMATORS.make("imm", model=TRUST), nominal, own_drive(nominal, friction, weaving, 4.0))[100:]
+    error, std = np.array([e.friction for e in found]) - friction, np.array([e.friction_std for e in found])
+    assert np.mean(np.abs(error) < 1.96 * std) > 0.9
+    assert std.min() >= 0.6 / math.sqrt(12) and std.max() < 0.36
+
+
+def test_a_mode_alone_is_known():
+    estimator = ESTIMATORS.make("imm", frictions=(0.7,), shares=(1.0,))
+    on = Nominal(load("qin2014_understeer"), LOUD, speed=20.0)
+    last = said(estimator, on, own_drive(on, 0.7, weaving, 0.1))[-1]
+    assert (last.friction, last.friction_std) == (pytest.approx(0.7), pytest.approx(0.0, abs=1e-6))
+
+
 def test_with_a_friction_that_is_known_the_fourth_state_changes_nothing(nominal):
     # Three states' points lie sqrt(3) deviations out; with kappa = -1 so do four states', and the weights of the two
     # points that have become the centre make up for the centre's.

@@ -105,6 +105,10 @@ def test_a_turning_that_the_torques_explain_is_no_lateral_force():
         *_, heard, memory = regress(model, np.array([20.0, 0.0, 0.0]), memory, heed(model, u, y), y)
     # The low-passes' slope is the yaw acceleration once they have settled, here for twelve times as long as needed.
     np.testing.assert_allclose(heard[[Y_FRONT, Y_REAR]], 0.0, atol=1e-6 * moment)
+    for _ in range(20):  # torques that come and go at once are heard as late as the turning that they cause
+        y[Y_YAW_RATE] = moment / CAR.yaw_inertia * 0.01 * 59
+        *_, heard, memory = regress(model, np.array([20.0, 0.0, 0.0]), memory, heed(model, np.zeros(9), y), y)
+        np.testing.assert_allclose(heard[[Y_FRONT, Y_REAR]], 0.0, atol=1e-6 * moment)
 
 
 def test_the_low_passes_leave_the_noise_that_is_said():

@@ -109,6 +109,19 @@ def test_it_knows_the_sideslip_where_tyres_slide_better_than_its_dynamic_scheme(
     assert error[0] < 0.7 * error[1]
 
 
+@pytest.mark.parametrize("channel", [Y_AY, Y_YAW_RATE], ids=["ay", "yaw rate"])
+@pytest.mark.parametrize("name", ["switching", "fusion"])
+def test_a_sensor_that_falls_silent_in_a_turn_is_not_integrated(name, channel, log, cell):
+    # From the hardest turn on, for a second. The tyre model alone is off by 0.9 deg at most; the last reading,
+    # integrated for as long as that, would be off by 14 to 22.
+    begin = int(np.argmax(np.abs(log.truth[: len(log.time) - 200, p.AY])))
+    readings = log.readings.copy()
+    readings[begin : begin + 100, channel] = np.nan
+    said = shadow(log._replace(readings=readings), ESTIMATORS.make(name), cell.nominal, 0).estimate
+    error = np.degrees(np.arctan2(said[:, 1], said[:, 0]) - log.sideslip)
+    assert np.abs(error[begin : begin + 200]).max() < 1.5
+
+
 @pytest.mark.parametrize(
     ("settings", "says"),
     [

@@ -161,6 +161,26 @@ def test_an_adaptive_one_that_may_not_adapt_is_kalman_s_too(linear, linear_drive
     np.testing.assert_array_equal(adaptive, plain)
 
 
+@pytest.mark.parametrize("carried", [0.0, 1.0])
+@pytest.mark.parametrize("name", RULES)
+def test_in_silence_the_motion_proposes_and_no_weight_changes(linear, name, carried):
+    # A random walk of which nothing is heard for 60 steps. A proposal as wide as a particle's own growing doubt would
+    # let hardly any draw near where it started: the sample would shrink to a few and look sure.
+    rule, size, steps, rng = RULES[name], 2000, 60, np.random.default_rng(1)
+    walk = linear._replace(F=np.eye(2))
+    held, quiet = hold((rule, walk)), np.full(3, np.nan)
+    states, factors, _, memory = begin(rule, walk, size, rng, carried)
+    start = weights = rng.dirichlet(np.full(size, 5.0))
+    for _ in range(steps):
+        states, factors, weights, memory, _, cov, output = proposal_step(
+            held, states, factors, weights, memory, np.zeros(1), quiet, GAUSSIAN, np.sqrt(1.5), carried, 0.5, rng
+        )
+    np.testing.assert_allclose(weights, start, rtol=1e-9)
+    exact = walk.prior_cov + steps * walk.process_cov
+    # A sample's variance scatters by sqrt(2/effective size), a covariance by no more than that of the larger variance.
+    assert np.abs(cov - exact).max() < 5 * np.sqrt(2 / output[5]) * exact.max()
+
+
 # -- heavy tails ------------------------------------------------------------------------------------------------------
 
 

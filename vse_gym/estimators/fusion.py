@@ -58,14 +58,14 @@ def fusion_update(constants, belief, u, y):
     u = heed(bicycle, u, y)
     told, own = attend(bicycle, belief[b : b + 5], u, y)
     speed = own[4]
-    ay, yaw_rate, _ = sense(schemes, out[SENSED:b], speed, u, y)
+    ay, yaw_rate, _, heard = sense(schemes, out[SENSED:b], speed, u, y)
     F, g, H, d = matrices(bicycle, own, u)
     frozen = Frozen(F, g, H, d, bicycle.process_cov, told)
     mean, factor, memory, nis, dof = filter_step(
         fusion.rule, frozen, belief[:2], belief[FACTOR:FUSED].reshape(2, 2), belief[b:c], u, y
     )
     integral = kinematic_step(schemes, belief[FUSED], ay, yaw_rate, speed)
-    out[FUSED] = fusion.share * integral + (1 - fusion.share) * mean[0]
+    out[FUSED] = fusion.share * integral + (1 - fusion.share) * mean[0] if heard else mean[0]
     for i in range(2):
         out[i] = mean[i]
         for j in range(2):
@@ -92,8 +92,8 @@ class FusionEstimator(SchemesTuning, Estimator):
     is known here, so the rest is this project's reading. The dynamic scheme, a cubature filter on the linear bicycle
     that finds its measurement noise on line, and the kinematic scheme run always, on the same readings as the
     switching estimator's. The integral of ay - r vx is drawn to the dynamic scheme's vy at the rate ``gain``: of what
-    changes more slowly the result is the dynamic scheme's, of the rest the integral's. Covariance and NIS are those of
-    the dynamic scheme.
+    changes more slowly the result is the dynamic scheme's, of the rest the integral's. While a sensor that is
+    integrated is silent for long, all of it is the dynamic scheme's. Covariance and NIS belong to the dynamic scheme.
 
     Raises:
         ValueError: If the gain is negative.

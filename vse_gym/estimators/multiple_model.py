@@ -62,6 +62,11 @@ class InteractingMultipleModel(Estimator):
         if self.rule not in RULES:
             raise ValueError(f"rule must be one of {', '.join(RULES)}, not {self.rule!r}")
 
+    @property
+    def resolution(self) -> float:
+        """Mean distance from one mode's friction to the next [-]."""
+        return (max(self.frictions) - min(self.frictions)) / max(1, len(self.frictions) - 1)
+
     def transition(self, dt: float) -> Array:
         """Row i: probabilities of the modes a time dt after mode i, (M, M)."""
         stays = math.exp(-self.switching * dt)
@@ -87,7 +92,8 @@ class InteractingMultipleModel(Estimator):
         vx, vy, yaw_rate, ax, ay, _, _ = state.output.tolist()
         weighted = list(zip(state.probabilities.tolist(), self.frictions, strict=True))
         friction = sum(p * f for p, f in weighted)
-        std = math.sqrt(sum(p * (f - friction) ** 2 for p, f in weighted))
+        within = self.resolution**2 / 12  # a road between two modes is taken for the nearer
+        std = math.sqrt(within + sum(p * (f - friction) ** 2 for p, f in weighted))
         return Estimate(vx, vy, yaw_rate, ax, ay, state.cov[:3, :3], friction=friction, friction_std=std)
 
     def innovation(self, state: Modes) -> tuple[float, float]:

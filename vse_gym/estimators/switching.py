@@ -58,9 +58,9 @@ def switching_update(constants, belief, u, y):
     u = heed(bicycle, u, y)
     _, own = attend(bicycle, belief[WHEELS : WHEELS + 5], u, y)
     speed = own[4]
-    ay, yaw_rate, median = sense(schemes, out[SENSED:c], speed, u, y)
+    ay, yaw_rate, median, heard = sense(schemes, out[SENSED:c], speed, u, y)
     was = belief[KINEMATIC] > 0.0
-    if abs(median) > (switch.off if was else switch.on):
+    if heard and abs(median) > (switch.off if was else switch.on):
         out[0] = kinematic_step(schemes, belief[0], ay, yaw_rate, speed)
         out[1] = yaw_rate
         out[COV] = belief[COV] + kinematic_noise(schemes, speed)
@@ -97,7 +97,8 @@ class SwitchingEstimator(SchemesTuning, Estimator):
     filter on the linear bicycle hears ay and yaw rate as they are; else dvy/dt = ay - r vx is integrated from ay
     filtered and tested and the tested yaw rate: the paper's only use for it, as its dynamic scheme takes the raw one.
     The belief is handed from one scheme to the other, vy with the variance that it has; the integral takes readings for
-    as noisy as the data sheet says, and knows nothing of their biases.
+    as noisy as the data sheet says, and knows nothing of their biases. While either sensor is silent for long, the
+    dynamic scheme is on.
 
     Raises:
         ValueError: If the median's length is not odd, or the threshold below the hysteresis.

@@ -213,10 +213,23 @@ def weighted_moments(values, weights):
 
 
 @compiled
+def alike(factor, size):
+    """``size`` copies of a factor (n, n), (size, n, n)."""
+    n = factor.shape[0]
+    out = np.empty((size, n, n))
+    for j in range(size):
+        for i in range(n):
+            for k in range(n):
+                out[j, i, k] = factor[i, k]
+    return out
+
+
+@compiled
 def proposal_step(held, states, factors, weights, memory, u, y, share, scale, carried, resample_below, rng):
     """A step of every particle's own filter, a draw from it, and the weight that makes up for the difference.
 
-    w <- w p(y | x) p(x | x_old)/N(x; m, scale^2 P), where m and P are what the particle's filter says after y.
+    w <- w p(y | x) p(x | x_old)/N(x; m, scale^2 P), where m and P are what the particle's filter says after y. While
+    nothing is heard there is nothing to look at: p(x | x_old) proposes, and weights stay.
 
     Args:
         held: ``hold((rule, model))``; the rule has points, and may adapt the reading noise, one for all particles.
@@ -242,10 +255,13 @@ def proposal_step(held, states, factors, weights, memory, u, y, share, scale, ca
     means, roots, centres = predict_all(rule, model, states, factors, u)
     variances, memory = believe(rule, model, means[:, 0].copy(), roots[0], memory, u, y)
     correct_all(rule, model, means, roots, u, y, variances)
-    drawn, densities = draw_all(means, roots, scale, rng)
-    readings = observe(model, drawn, u)
     noise = np.empty((n, n))
     cholesky(model.process_cov, noise)
+    if channels_used(variances).size > 0:
+        drawn, densities = draw_all(means, roots, scale, rng)
+    else:
+        drawn, densities = draw_all(centres, alike(noise, size), 1.0, rng)
+    readings = observe(model, drawn, u)
     logs = log_likelihood(readings, y, variances, share) + log_transition(drawn, centres, noise) - densities
     after = reweigh(weights, logs)
     for j in range(size):

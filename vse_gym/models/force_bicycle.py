@@ -17,9 +17,10 @@ from vse_gym.types import U_STEER, Y_AX, Y_AY, Y_SIDESLIP, Y_SPEED, Y_YAW_RATE, 
 
 U_FRONT, U_REAR = 9, 10  # what ``heed`` puts behind the inputs of a reading: the axles' cornering stiffnesses [N/rad]
 Y_FRONT, Y_REAR = 10, 11  # channels behind those of a reading: lateral force of the front and the rear axle [N]
-# Memory behind the single track's: readings heard in a row; then ay, yaw rate and both slip angles after one low-pass
-# and after two.
-ROW, ONCE, TWICE = 5, 6, 10
+# Memory behind the single track's: readings heard in a row; then ay, yaw rate, both slip angles and the moment of the
+# torques after one low-pass and after two.
+SMOOTHED = 5
+ROW, ONCE, TWICE = 5, 6, 6 + SMOOTHED
 SETTLED = 5.0  # time constants after which a low-pass of two stages has forgotten where it began
 
 
@@ -42,7 +43,7 @@ class ForceBicycle(NamedTuple):
     prior_cov: Array  # (3, 3)
     process_cov: Array  # (3, 3), of one step
     variances: Array  # of the channels and the two forces, without wheel slip; NaN: not used; (12,)
-    memory: Array  # as of the single track, then as ROW, ONCE and TWICE say; (14,)
+    memory: Array  # as of the single track, then as ROW, ONCE and TWICE say; (16,)
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class ForceBicycleTuning:
             prior_cov=car.prior_cov,
             process_cov=car.process_cov,
             variances=np.concatenate((heard, forces)),
-            memory=np.concatenate((car.memory, np.zeros(TWICE + 4 - ROW))),
+            memory=np.concatenate((car.memory, np.zeros(TWICE + SMOOTHED - ROW))),
         )
 
 
@@ -232,13 +233,14 @@ def _smooth(model, memory, values):
 @regress.register(ForceBicycle)
 @compiled
 def _(model, mean, memory, u, y):
-    # The slip angles pass through the same low-passes as the forces, so that both are equally late.
+    # Slip angles and the torques' moment pass through the same low-passes as the forces: all are equally late.
     car, c = model.car, commanded(model.car, u)
-    after, values, heard = memory.copy(), np.empty(4), np.full(Y_REAR + 1, np.nan)
+    after, values, heard = memory.copy(), np.empty(SMOOTHED), np.full(Y_REAR + 1, np.nan)
     for i in range(Y_FRONT):
         heard[i] = y[i]
     values[0], values[1] = y[Y_AY], y[Y_YAW_RATE]
     values[2], values[3] = slip_angles(model, mean[0], mean[1], mean[2], u[U_STEER])
+    values[4] = c.moment
     last = memory[TWICE + 1]
     settled = _smooth(model, after, values)
     slips = after[TWICE + 2], after[TWICE + 3]
@@ -247,7 +249,7 @@ def _(model, mean, memory, u, y):
         slips = values[2], values[3]
     elif settled:
         push = car.mass * after[TWICE]
-        turn = car.yaw_inertia * (after[TWICE + 1] - last) / car.dt - c.moment
+        turn = car.yaw_inertia * (after[TWICE + 1] - last) / car.dt - after[TWICE + 4]
         wheelbase = car.lf + car.lr
         heard[Y_FRONT] = ((car.lr * push + turn) / wheelbase - c.front * c.sin_steer) / c.cos_steer
         heard[Y_REAR] = (car.lf * push - turn) / wheelbase

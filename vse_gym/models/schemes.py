@@ -1,5 +1,6 @@
 """What sideslip estimators share that have two schemes: a dynamic one, which knows tyres, and a kinematic one."""
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from vse_gym.models.bicycle import LinearBicycle, LinearBicycleTuning
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.pretreatment import MEMORY, Pretreatment, Treatment, treat
 from vse_gym.models.tuning import tunable
-from vse_gym.types import Array
+from vse_gym.types import Y_AY, Y_YAW_RATE, Array
 
 
 class Schemes(NamedTuple):
@@ -56,14 +57,21 @@ class SchemesTuning:
 
 def kinematic_memory(median: int) -> Array:
     """Of :func:`sense`, at the start, for a median of so many values."""
-    return np.zeros(MEMORY + 1 + median)
+    return np.zeros(MEMORY + 2 + median)
 
 
 @compiled
 def sense(schemes, memory, speed, u, y):
-    """Treated ay and yaw rate, and the running median of that ay; ``memory`` is changed in place."""
+    """Treated ay and yaw rate, the running median of that ay, and whether there is anything to integrate.
+
+    The last good reading stands in for a silent one, but not for longer than the treatment's patience: an integral of
+    a reading that does not move runs away. ``memory`` is changed in place.
+    """
     ay, yaw_rate = treat(schemes.treatment, memory[:MEMORY], speed, u, y)
-    return ay, yaw_rate, running_median(ay, memory[MEMORY:])
+    silent = math.isnan(y[Y_AY]) or math.isnan(y[Y_YAW_RATE])
+    memory[MEMORY] = memory[MEMORY] + 1.0 if silent else 0.0
+    heard = memory[MEMORY] <= schemes.treatment.patience
+    return ay, yaw_rate, running_median(ay, memory[MEMORY + 1 :]), heard
 
 
 @compiled
