@@ -131,7 +131,7 @@ def test_a_fingerprint_belongs_to_the_class_and_to_every_setting(name):
     assert all(len(d) == 12 and int(d, 16) >= 0 for d in seen)
     for setting, value in settings_of(estimator).items():
         if isinstance(value, float):
-            beside = math.nextafter(value, 2.0 if setting == "inflation" else 0.9)  # inflation is at least 1
+            beside = math.nextafter(value, 2.0 if setting in ("inflation", "widening") else 0.9)  # which are at least 1
             seen.add(fingerprint(changed(estimator, {setting: beside})))
     assert len(seen) == 1 + sum(isinstance(v, float) for v in settings_of(estimator).values())
     assert not any(fingerprint(ESTIMATORS.make(other)) in seen for other in ESTIMATORS if other != name)

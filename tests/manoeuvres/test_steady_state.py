@@ -46,7 +46,7 @@ def test_the_gradient_of_a_made_up_circle_is_what_it_was_made_of(side):
     truth[:, p.AY] = side * ay
     blank = {field: np.zeros(500) for field in Log._fields}
     steer = side * (wheelbase / radius + gradient * ay + softening * ay**2)
-    log = Log(**blank | {"time": 0.1 * np.arange(500), "truth": truth, "steer": steer})
+    log = Log(**blank | {"time": 0.1 * np.arange(500), "truth": truth, "steer": steer, "vehicle": None})
     assert understeer_gradient(log, 0.0) == pytest.approx(gradient, rel=1e-6)
     assert math.isnan(understeer_gradient(log, 45.0))
 

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
+
 from vse_gym.manoeuvres.course import Course
 from vse_gym.manoeuvres.driver import Steering
 from vse_gym.models import Nominal
-from vse_gym.physics.parameters import GRAVITY, Road, Vehicle, road
-from vse_gym.types import Car, Driver, Log
+from vse_gym.physics.parameters import AY, GRAVITY, ROLL, Road, RollingBody, Vehicle, road
+from vse_gym.types import Array, Car, Driver, Log
 
 __all__ = ["DEG", "GRAVITY", "KMH", "Course", "Criterion", "Manoeuvre", "Verdict", "si"]
 
@@ -128,3 +130,18 @@ class Manoeuvre(ABC):
             when = float(log.time[-1]) if len(log.time) else 0.0
             criteria += (Criterion(f"driven to the end ({log.ended})", when, self.duration, "s", at_least=True),)
         return Verdict(criteria)
+
+
+def across(vehicle: Vehicle | None, truth: Array) -> Array:
+    """Lateral acceleration of states (T, STATE_SIZE) in the plane of the road, as the standards have it, (T,) [m/s2].
+
+    An accelerometer on a body that rolls feels its lean too; without a body that rolls, what it feels is returned.
+    """
+    felt: Array = truth[:, AY]
+    rolls = vehicle is not None and isinstance(vehicle.body, RollingBody)
+    return felt - GRAVITY * np.sin(truth[:, ROLL]) if rolls else felt
+
+
+def lateral_acceleration(log: Log) -> Array:
+    """Of a drive, in the plane of the road, (T,) [m/s2]: see :func:`across`."""
+    return across(log.vehicle, log.truth)

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
+from vse_gym.manoeuvres.base import DEG, Criterion, Verdict, lateral_acceleration
 from vse_gym.manoeuvres.followed import largest
 from vse_gym.manoeuvres.steady_speed import SteadySpeed, held_together
 from vse_gym.models import Nominal
@@ -38,11 +38,12 @@ class SineSteer(SteadySpeed):
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """The largest sideslip is judged."""
+        aside = largest(lateral_acceleration(log))
         return Verdict(
             (
                 held_together(log),
                 Criterion("largest yaw rate", largest(log.truth[:, p.YAW_RATE]) / DEG, 30, "deg/s", judged=False),
-                Criterion("largest lateral acceleration", largest(log.truth[:, p.AY]), 9.81, "m/s2", judged=False),
+                Criterion("largest lateral acceleration", aside, 9.81, "m/s2", judged=False),
                 Criterion("speed lost", float(log.truth[0, p.VX] - log.truth[-1, p.VX]), 1.0, "m/s", judged=False),
             )
         )

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vse_gym.manoeuvres.base import DEG, KMH, Criterion, Manoeuvre, Verdict
+from vse_gym.manoeuvres.base import DEG, KMH, Criterion, Manoeuvre, Verdict, across, lateral_acceleration
 from vse_gym.manoeuvres.driver import Pedals, pedals
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
@@ -52,8 +52,9 @@ class SlowlyIncreasingSteer(Manoeuvre):
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """Reports A; passes if the car reached 0.375 g, so that the line has its data."""
-        angle = _angle_at_0_3g(log.hand_wheel, log.truth[:, p.AY])
-        reached = float(np.max(np.abs(log.truth[:, p.AY]))) / p.GRAVITY
+        ay = lateral_acceleration(log)
+        angle = _angle_at_0_3g(log.hand_wheel, ay)
+        reached = float(np.max(np.abs(ay))) / p.GRAVITY
         return Verdict(
             (
                 Criterion("largest lateral acceleration", reached, 0.375, "g", at_least=True),
@@ -77,11 +78,11 @@ def _steer_at_0_3g(vehicle: p.Vehicle, laws: tuple[str, str], friction: float) -
     test = SlowlyIncreasingSteer(speed=80 * KMH, friction=friction)
     dt, substep = 0.01, 1e-3
     road, state, memory = test.road(), rolling_start(vehicle, test.speed), (0.0, dt, pedals(vehicle, dt))
-    angles, ay = [0.0], [0.0]
+    angles, states = [0.0], [state]
     for k in range(round(test.duration / dt)):
         driver, memory = test.drive(memory, k * dt, Car(state))
         inputs = p.Inputs(driver.hand_wheel / vehicle.steering_ratio, driver.drive, np.zeros(4))
         state = advance(vehicle, road, state, inputs, round(dt / substep), substep)
         angles.append(driver.hand_wheel)
-        ay.append(float(state[p.AY]))
-    return _angle_at_0_3g(np.array(angles), np.array(ay))
+        states.append(state)
+    return _angle_at_0_3g(np.array(angles), across(vehicle, np.array(states)))

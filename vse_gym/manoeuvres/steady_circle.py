@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vse_gym.manoeuvres.base import DEG, KMH, Criterion, Verdict
+from vse_gym.manoeuvres.base import DEG, KMH, Criterion, Verdict, lateral_acceleration
 from vse_gym.manoeuvres.driver import Pedals
 from vse_gym.manoeuvres.followed import LEFT, Followed, largest, strayed, true_vehicle
 from vse_gym.manoeuvres.path import Circle
@@ -58,7 +58,7 @@ class SteadyCircle(Followed):
         settled = log.time >= self.settle
         away = largest(strayed(self.path(nominal.vehicle), log)[settled])
         theory = true_vehicle(log, nominal).understeer_gradient / DEG * p.GRAVITY
-        reached = largest(log.truth[:, p.AY])
+        reached = largest(lateral_acceleration(log))
         return Verdict(
             (
                 Criterion("largest distance from the circle", away, 1.0, "m"),
@@ -80,12 +80,12 @@ def understeer_gradient(log: Log, since: float, most: float = FITTED) -> float:
     The angle is fitted, from a time on and up to a lateral acceleration, by a length times the curvature and a cubic in
     the lateral acceleration, whose higher terms take up the tyres' softening. NaN if there is too little to fit.
     """
-    speed = np.hypot(log.truth[:, p.VX], log.truth[:, p.VY])
-    use = (log.time >= since) & (np.abs(log.truth[:, p.AY]) <= most) & (speed > 1.0)
+    speed, aside = np.hypot(log.truth[:, p.VX], log.truth[:, p.VY]), lateral_acceleration(log)
+    use = (log.time >= since) & (np.abs(aside) <= most) & (speed > 1.0)
     if np.count_nonzero(use) < 100:
         return math.nan
     curvature = log.truth[use, p.YAW_RATE] / speed[use]
     side = math.copysign(1.0, float(np.mean(curvature)))
-    ay = side * log.truth[use, p.AY]
+    ay = side * aside[use]
     columns = np.column_stack((side * curvature, ay, ay**2, ay**3))
     return float(np.linalg.lstsq(columns, side * log.steer[use], rcond=None)[0][1])

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
+from vse_gym.manoeuvres.base import DEG, Criterion, Verdict, lateral_acceleration
 from vse_gym.manoeuvres.steady_speed import SteadySpeed, held_together
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
@@ -41,7 +41,7 @@ class StepSteer(SteadySpeed):
         """No limits in the standard but what it reports."""
         half = self.begin + 0.5 * abs(self.amplitude) / self.rate
         side = math.copysign(1.0, self.amplitude)
-        yaw_rate, ay = side * log.truth[:, p.YAW_RATE], side * log.truth[:, p.AY]
+        yaw_rate, ay = side * log.truth[:, p.YAW_RATE], side * lateral_acceleration(log)
         end = log.time > log.time[-1] - SETTLED
         steady, cornering = float(np.mean(yaw_rate[end])), float(np.mean(ay[end]))
         peak = int(np.argmax(yaw_rate))

@@ -6,7 +6,7 @@ from functools import lru_cache
 from itertools import accumulate
 from typing import ClassVar
 
-from vse_gym.manoeuvres.base import KMH, Criterion, Verdict
+from vse_gym.manoeuvres.base import KMH, Criterion, Verdict, lateral_acceleration
 from vse_gym.manoeuvres.followed import LEFT, Followed, largest, strayed
 from vse_gym.manoeuvres.path import Line
 from vse_gym.models import Nominal
@@ -70,10 +70,11 @@ class TripleLaneChange(Followed):
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """Sideslip and distance from the line."""
         away = largest(strayed(self.path(nominal.vehicle), log))
+        aside = largest(lateral_acceleration(log))
         return Verdict(
             (
                 Criterion("largest sideslip", math.degrees(log.peak_sideslip), 10, "deg"),
                 Criterion("largest distance from the line", away, 1.0, "m"),
-                Criterion("largest lateral acceleration", largest(log.truth[:, p.AY]), 9.81, "m/s2", judged=False),
+                Criterion("largest lateral acceleration", aside, 9.81, "m/s2", judged=False),
             )
         )
