@@ -31,6 +31,7 @@ from vse_gym.estimators.stiffness_adaptive import StiffnessAdaptiveKalmanFilter
 from vse_gym.metrics_found import SMALLEST, true_value
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
+from vse_gym.physics.axles import axle_stiffness
 from vse_gym.replay import Trace, shadow
 from vse_gym.report.text import Sheet
 from vse_gym.sensors import stream
@@ -101,8 +102,6 @@ def slip_angles(log: Log) -> Array:
 
 def axle_forces(log: Log) -> Array:
     """Lateral forces of both axles in wheel axes, (T, 2) [N]: the stiffness's reference, times the slip angle."""
-    from vse_gym.physics.axles import axle_stiffness
-
     assert log.vehicle is not None
     secant = axle_stiffness(log.vehicle, log.truth, log.steer, log.friction, 1e-9)
     return np.nan_to_num(secant * slip_angles(log))
