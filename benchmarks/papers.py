@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from papers_common import Claim, Outcome, Paper, search_rows, tune_for
+from papers_common import Claim, Outcome, Paper
+from papers_search import search_rows, tune_for
 from rich.console import Console
 from rich.progress import track
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 from papers_a_figures import draw_errors, draw_states, draw_why
-from papers_common import DEG, Claim, Heard, Median, Outcome, Paper, median, motion_error, rms, sideslip_error, spread
+from papers_common import Claim, Heard, Outcome, Paper
+from papers_statistics import DEG, Median, median, motion_error, rms, sideslip_error, spread
 
 from vse_gym.estimators.base import Estimator
 from vse_gym.estimators.gaussian import Gate

@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from papers_common import DEG, Heard, motion_error, sideslip_error
+from papers_common import Heard
+from papers_statistics import DEG, motion_error, sideslip_error
 
 from vse_gym.inference.autoregression import coefficients_used
 from vse_gym.physics import parameters as p

@@ -9,9 +9,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from papers_b_cost import seconds_per_update, stages
+from papers_b_cost import ROWS, stages
 from papers_b_figures import draw
-from papers_common import DEG, Claim, Heard, Outcome, Paper, gain, over_seeds, rms, sideslip_error, spread
+from papers_common import Claim, Heard, Outcome, Paper, over_seeds
+from papers_cost import seconds_per_update
+from papers_statistics import DEG, gain, rms, sideslip_error, spread
 
 from vse_gym.estimators.adaptive_cubature import AdaptiveCubatureKalmanFilter
 from vse_gym.estimators.base import Estimator
@@ -133,7 +135,8 @@ def run(paper: Paper) -> Outcome:
         draw(paper.figures, what, here[0], {"upf 100": "C0", "acpf 100": "C1", ACKF: "C2"}, roll_error)
     logs = [h.log for h in heard["lane change, Gaussian"]]
     told = lane_gaussian(0).nominal
-    times = {n: seconds_per_update({k: filters[f"{k} {n}"] for k in (UPF, ACPF)}, logs, told) for n in ALL}
+    short = [log._replace(time=log.time[:ROWS]) for log in logs]
+    times = {n: seconds_per_update({k: filters[f"{k} {n}"] for k in (UPF, ACPF)}, short, told) for n in ALL}
     parts = {name: stages(filters[f"{name} 100"], logs[0], told) for name in (UPF, ACPF)}
     tables = {
         f"Root mean square error, median over {len(paper.seeds)} seeds [range of 90 %]": errors(heard),

@@ -1,13 +1,12 @@
-"""What an update of the particle filters takes, and where it goes."""
+"""Where the time of an update of the particle filters goes."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from vse_gym.compiled import compiled
-from vse_gym.estimators.base import Estimator
 from vse_gym.estimators.particle import cauchy_shares
 from vse_gym.inference.gaussian.recursion import believe
 from vse_gym.inference.gaussian.sage_husa import learn_from
@@ -25,22 +24,11 @@ from vse_gym.inference.particle_proposal import (
 )
 from vse_gym.models import Nominal
 from vse_gym.noise import contamination
-from vse_gym.replay import shadow
 from vse_gym.sensors import stream
 from vse_gym.types import Array, Log, Reading
 
 ROWS = 300  # of a drive's readings, for a time [10 ms]
 REPEATS = 200  # of a stage
-
-
-def seconds_per_update(filters: Mapping[str, Estimator], logs: Sequence[Log], told: Nominal) -> dict[str, Array]:
-    """Median over a drive's readings, (S,) for each filter [s]; they take turns, and who is first changes."""
-    out: dict[str, list[float]] = {name: [] for name in filters}
-    for seed, log in enumerate(logs):
-        short = log._replace(time=log.time[:ROWS])
-        for name in list(filters)[:: 1 if seed % 2 == 0 else -1]:
-            out[name].append(shadow(short, filters[name], told, seed).seconds)
-    return {name: np.array(values) for name, values in out.items()}
 
 
 def stages(filter_: Any, log: Log, told: Nominal) -> dict[str, float]:

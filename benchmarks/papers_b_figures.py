@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from papers_common import DEG, Heard, sideslip_error
+from papers_common import Heard
+from papers_statistics import DEG, sideslip_error
 
 from vse_gym.physics import parameters as p
 from vse_gym.replay import Trace

@@ -10,20 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from papers_common import (
-    DEG,
-    Claim,
-    Heard,
-    Outcome,
-    Paper,
-    gain,
-    median,
-    motion_error,
-    over_seeds,
-    rms,
-    sideslip_error,
-    spread,
-)
+from papers_common import Claim, Heard, Outcome, Paper, over_seeds
+from papers_statistics import DEG, gain, median, motion_error, rms, sideslip_error, spread
 
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.base import Estimator

@@ -6,10 +6,12 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from papers_common import Claim, Heard, Median, Outcome, Paper, gain, median, over_seeds, rms, sideslip_error, spread
-from papers_d_cost import seconds_inside, seconds_per_update
+from papers_common import Claim, Heard, Outcome, Paper, over_seeds
+from papers_cost import seconds_per_update
+from papers_d_cost import REPEATS, seconds_inside
 from papers_d_drives import SPIKE, SPIKES, biased, high, lane_changes, low, spared
 from papers_d_figures import draw
+from papers_statistics import Median, gain, median, rms, sideslip_error, spread
 
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.base import Estimator
@@ -217,7 +219,7 @@ def _stiffnesses(paper: Paper, made: Mapping[str, Estimator]) -> Sheet:
 
 def _cost(tuned: Mapping[str, Estimator], log: Log, nominal: Nominal, tables: dict[str, Sheet]) -> Claim:
     pair = {name: tuned[name] for name in ("switching", "fusion")}
-    outside = seconds_per_update({**pair, "kf": tuned["kf"], "ekf": tuned["ekf"]}, log, nominal)
+    outside = seconds_per_update({**pair, "kf": tuned["kf"], "ekf": tuned["ekf"]}, [log] * REPEATS, nominal)
     inside = seconds_inside(pair["switching"], pair["fusion"], log, nominal)
     names = [
         [name, spread(1e6 * outside[name]), spread(1e6 * inside[name]) if name in inside else "-"] for name in outside

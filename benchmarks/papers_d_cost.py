@@ -1,7 +1,6 @@
-"""What an update of the switching and of the fusion estimator costs, measured by turns on the same readings."""
+"""What an update of the switching and of the fusion estimator costs without Python's part."""
 
 import time
-from collections.abc import Mapping
 
 import numpy as np
 
@@ -11,34 +10,9 @@ from vse_gym.estimators.fusion import fusion_update
 from vse_gym.estimators.switching import switching_update
 from vse_gym.models import Nominal
 from vse_gym.sensors import stream
-from vse_gym.types import Array, Log, Reading
+from vse_gym.types import Array, Log
 
 REPEATS = 20
-
-
-def seconds_per_update(estimators: Mapping[str, Estimator], log: Log, nominal: Nominal) -> dict[str, Array]:
-    """Median over a drive's readings of the time that an update called from Python takes, (REPEATS,) each [s].
-
-    Everybody hears a reading before anybody hears the next, in an order that turns: whatever else the machine does
-    slows all alike.
-    """
-    rng, names, count = stream(0, "estimator"), list(estimators), len(log.time)
-    readings = [Reading(*row) for row in zip(log.time.tolist(), log.inputs, log.readings, strict=True)]
-    out = {name: np.empty(REPEATS) for name in names}
-    for repeat in range(-1, REPEATS):  # the first is a warm-up
-        states = {name: e.init(nominal, rng) for name, e in estimators.items()}
-        spent = {name: np.empty(count) for name in names}
-        for k, reading in enumerate(readings):
-            for i in range(len(names)):
-                name = names[(i + k) % len(names)]
-                estimator, state = estimators[name], states[name]
-                begin = time.perf_counter_ns()
-                states[name] = estimator.update(state, reading, rng)
-                spent[name][k] = 1e-9 * (time.perf_counter_ns() - begin)
-        if repeat >= 0:
-            for name in names:
-                out[name][repeat] = np.median(spent[name])
-    return out
 
 
 @compiled

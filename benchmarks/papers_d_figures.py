@@ -4,7 +4,8 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from papers_common import DEG, Heard, sideslip_error
+from papers_common import Heard
+from papers_statistics import DEG, sideslip_error
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

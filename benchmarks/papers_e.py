@@ -10,19 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
-from papers_common import (
-    DEG,
-    Claim,
-    Heard,
-    Outcome,
-    Paper,
-    gain,
-    median,
-    over_seeds,
-    rms,
-    sideslip_error,
-    spread,
-)
+from papers_common import Claim, Heard, Outcome, Paper, over_seeds
+from papers_statistics import DEG, gain, median, rms, sideslip_error, spread
 from rich.progress import track
 
 from vse_gym.catalogue import ESTIMATORS
