@@ -197,6 +197,10 @@ def test_the_covariances_stay_positive_definite(nominal, readings):
         ("rls_faekf", {"forgetting": 1.2}, "forgetting"),
         ("rls_faekf", {"mass_start": 3.0}, "mass_start"),
         ("rls_faekf", {"window": 0.0}, "window"),
+        ("rls_faekf", {"window": np.inf}, "window"),
+        ("rls_faekf", {"least_ay": -0.1}, "least_ay must be finite and not negative, not -0.1"),
+        ("rls_faekf", {"decades": 0.0}, "decades must be positive"),
+        ("rls_faekf", {"mass_bounds": (0.5, np.inf)}, "mass_bounds, positive and finite"),
         ("rls_faekf", {"adapted": ("gyro",)}, "yaw_rate"),
     ],
 )
@@ -208,3 +212,9 @@ def test_what_cannot_be_is_refused(name, settings, told):
 def test_a_sensor_that_there_is_not_is_refused_by_name():
     with pytest.raises(ValueError, match="known: ay, yaw_rate, wheel_speeds"):
         ThreeDofTuning(hears=("gyro",))
+
+
+@pytest.mark.parametrize("name", ["ay_variance", "force_error", "vx_variance", "slowest_learning"])
+def test_a_negative_number_is_refused_by_name(name):
+    with pytest.raises(ValueError, match=f"{name} must be .*, not -1"):
+        ThreeDofTuning(**{name: -1.0})

@@ -5,7 +5,7 @@ import numpy as np
 from vse_gym.compiled import compiled, generic
 from vse_gym.inference.gaussian.recursion import filter_step
 from vse_gym.inference.least_squares import least_squares_step
-from vse_gym.inference.model import heed, report
+from vse_gym.inference.model import heed, recall, report
 
 
 @generic
@@ -26,10 +26,11 @@ def instruct(model, u, parameters):
 
 @compiled
 def identify_update(constants, belief, u, y):
-    """Learn the parameters, then predict and correct with them: one update, for callers in Python.
+    """Predict and correct, then learn the parameters for the next step: one update, for callers in Python.
 
-    The parameters come from the belief *before* the reading: the one after it has been bent towards the reading by
-    the very parameters in question, and would confirm them.
+    So no reading corrects the state with parameters that it has itself just taught. It teaches them by what the belief
+    *before* it says: the one after it has been bent towards the reading by the very parameters in question, and would
+    confirm them.
 
     Args:
         constants: ``hold((rule, model, least squares))``.
@@ -43,15 +44,15 @@ def identify_update(constants, belief, u, y):
     b = q - model.memory.size
     rows = (b - n) // n
     out = np.empty(belief.size)
-    mean, kept, memory = belief[:n], belief[n:b].reshape(rows, n), belief[b:q]
-    u = heed(model, u, y)
+    mean, kept, memory, parameters = belief[:n], belief[n:b].reshape(rows, n), belief[b:q], belief[q : q + p]
+    u = recall(model, memory, heed(model, u, y))
     regressors, targets, variances, heard, memory = regress(model, mean, memory, u, y)
-    parameters, cov = least_squares_step(
-        squares, belief[q : q + p], belief[q + p : c].reshape(p, p), regressors, targets, variances
-    )
     instruct(model, u, parameters)
     mean, kept, memory, out[c + 5], out[c + 6] = filter_step(rule, model, mean, kept, memory, u, heard)
     reported = report(model, mean, u)
+    parameters, cov = least_squares_step(
+        squares, parameters, belief[q + p : c].reshape(p, p), regressors, targets, variances
+    )
     for i in range(n):
         out[i] = mean[i]
     for i in range(rows):
