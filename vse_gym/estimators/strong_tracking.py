@@ -26,7 +26,7 @@ class StrongTrackingKalmanFilter(GaussianFilter):
     weakening: float = tunable(1.5, 1.0, 4.5)  # beta: by how much innovations may exceed what is expected [-]
     shares: tuple[float, ...] = (1.0, 1.0, 1.0)  # a_i: which states change rather than others; alike: one factor [-]
     watched: tuple[str, ...] = CHANNELS  # channels whose innovations tell a change
-    largest: float = tunable(10.0, 1.0, 1000.0)  # variance up to which a state fades, over its prior's; inf: as printed
+    largest: float = tunable(1.0, 0.1, 100.0)  # variance up to which a state fades, over its prior's; inf: as printed
     whitened: bool = True  # each channel in units of its own noise; False: a trace over different units, as printed
 
     def __post_init__(self) -> None:
