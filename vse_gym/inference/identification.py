@@ -26,11 +26,12 @@ def instruct(model, u, parameters):
 
 @compiled
 def identify_update(constants, belief, u, y):
-    """Predict and correct, then learn the parameters for the next step: one update, for callers in Python.
+    """Learn the parameters, then predict and correct with them: one update, for callers in Python.
 
-    So no reading corrects the state with parameters that it has itself just taught. It teaches them by what the belief
-    *before* it says: the one after it has been bent towards the reading by the very parameters in question, and would
-    confirm them.
+    The parameters come from the belief *before* the reading: the one after it has been bent towards the reading by
+    the very parameters in question, and would confirm them. The reading is still used twice, since it corrects the
+    state with what it has just taught, and the state's covariance does not know that. Learning after the correction
+    would use it once, but with parameters a step older: where a short memory follows the tyres, that costs more.
 
     Args:
         constants: ``hold((rule, model, least squares))``.
@@ -44,15 +45,15 @@ def identify_update(constants, belief, u, y):
     b = q - model.memory.size
     rows = (b - n) // n
     out = np.empty(belief.size)
-    mean, kept, memory, parameters = belief[:n], belief[n:b].reshape(rows, n), belief[b:q], belief[q : q + p]
+    mean, kept, memory = belief[:n], belief[n:b].reshape(rows, n), belief[b:q]
     u = recall(model, memory, heed(model, u, y))
     regressors, targets, variances, heard, memory = regress(model, mean, memory, u, y)
+    parameters, cov = least_squares_step(
+        squares, belief[q : q + p], belief[q + p : c].reshape(p, p), regressors, targets, variances
+    )
     instruct(model, u, parameters)
     mean, kept, memory, out[c + 5], out[c + 6] = filter_step(rule, model, mean, kept, memory, u, heard)
     reported = report(model, mean, u)
-    parameters, cov = least_squares_step(
-        squares, parameters, belief[q + p : c].reshape(p, p), regressors, targets, variances
-    )
     for i in range(n):
         out[i] = mean[i]
     for i in range(rows):
