@@ -49,8 +49,9 @@ def test_bursts_are_changes_to_it_and_a_gate_keeps_them_out():
     assert np.abs(gated[1][:, 2]).max() < 0.5 * np.abs(free[1][:, 2]).max()
 
 
-def test_without_wheel_speeds_it_keeps_the_speed_about_as_well_as_the_extended_filter():
-    setting = scenario("sine_with_dwell", sensors="cauchy_gaussian", friction=0.4)
+@pytest.mark.parametrize("sensors", ["cauchy_gaussian", "outliers"])
+def test_without_wheel_speeds_the_speed_does_not_run_away(sensors):
+    setting = scenario("sine_with_dwell", sensors=sensors, friction=0.4)
     log = rollout(setting, "truth", "esc", seed=0)
     readings = log.readings.copy()
     readings[log.time > 1.0, Y_WHEEL : Y_WHEEL + 4] = np.nan
@@ -59,7 +60,8 @@ def test_without_wheel_speeds_it_keeps_the_speed_about_as_well_as_the_extended_f
         name: np.abs(followed(ESTIMATORS.make(name), setting, silent)[1][:, 0] - log.truth[:, p.VX]).max()
         for name in ("strong_tracking", "ekf")
     }
-    assert lost["strong_tracking"] < lost["ekf"] + 2
+    # To it an outlier is a change, so it loses more than the extended filter; unbounded it is off by more than 1e7 m/s.
+    assert lost["strong_tracking"] < 2.5 * lost["ekf"]
 
 
 @pytest.mark.parametrize(
