@@ -76,6 +76,7 @@ class FuzzyAdaptiveKalmanFilter(IdentifyingFilter):
     change: float = 0.1  # change of e between two readings that is as large as it gets [-]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_channels("adapted", self.adapted, HEARD)
         if not 0 < self.forgetting <= 1:
             raise ValueError(f"forgetting must lie in (0, 1], not {self.forgetting}")

@@ -37,6 +37,7 @@ class StiffnessAdaptiveKalmanFilter(IdentifyingFilter):
     kappa: float = 0.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         low, high = self.stiffness_bounds
         if not 0 < low <= 1 <= high < np.inf:
             raise ValueError(

@@ -30,6 +30,7 @@ class StrongTrackingKalmanFilter(GaussianFilter):
     whitened: bool = True  # each channel in units of its own noise; False: a trace over different units, as printed
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not (0 <= self.forgetting <= 1 and 0 < self.weakening < np.inf):
             raise ValueError(
                 f"forgetting must lie in [0, 1] and weakening be positive, not {self.forgetting} and {self.weakening}"

@@ -12,7 +12,7 @@ from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.models.channels import attend_wheels, read_motion
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.single_track import SingleTrack, SingleTrackTuning, commanded, slowest_linear
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import Settings, tunable
 from vse_gym.types import U_STEER, Y_AX, Y_AY, Y_SIDESLIP, Y_SPEED, Y_YAW_RATE, Array
 
 U_FRONT, U_REAR = 9, 10  # what ``heed`` puts behind the inputs of a reading: the axles' cornering stiffnesses [N/rad]
@@ -52,7 +52,7 @@ class ForceBicycle(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ForceBicycleTuning:
+class ForceBicycleTuning(Settings):
     """How far a filter trusts the bicycle that hears forces. Of the published Q it is known that it was small.
 
     The lateral forces are those of a force sensor where a reading brings them behind its channels; else they follow

@@ -12,7 +12,7 @@ from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.models.channels import BRAKING, attend_wheels, read_extras, read_motion
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.single_track import SingleTrack, SingleTrackTuning, commanded, slowest_linear
-from vse_gym.models.tuning import check_channels, tunable
+from vse_gym.models.tuning import Settings, check_channels, tunable
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.types import (
     CHANNELS,
@@ -66,7 +66,7 @@ class ThreeDof(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ThreeDofTuning:
+class ThreeDofTuning(Settings):
     """How far a filter trusts the three degrees of freedom, and what it hears.
 
     As published it hears ay alone, which leaves its speed to the integrated accelerometer.
@@ -93,6 +93,7 @@ class ThreeDofTuning:
     slowest_learning: float = 8.0  # speed below which the mass stays as it is [m/s]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name, known in (("hears", HEARD), ("mass_hears", MEASURED)):
             check_channels(name, getattr(self, name), known)
         for name in POSITIVE:
