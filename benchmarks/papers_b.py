@@ -67,7 +67,7 @@ PLAIN = f"{ACPF} 100 without adaptation{OF_UPF}"
 PAIRS = {
     "100 particles, as published (carried = 1), untuned": (f"{UPF} 100{PUBLISHED}", f"{ACPF} 100{PUBLISHED}"),
     "100 particles, as published (carried = 1), each tuned": (f"{UPF} 100{CARRYING}", f"{ACPF} 100{CARRYING}"),
-    "100 particles, each tuned, carried too": (f"{UPF} 100", f"{ACPF} 100"),
+    "100 particles, each tuned, carried included": (f"{UPF} 100", f"{ACPF} 100"),
 }
 MORE = {
     "the same, but carried = 0": (f"{UPF} 100{CERTAIN}", f"{ACPF} 100{CERTAIN}"),

@@ -1,4 +1,4 @@
-"""Tunings of the switching estimator's experiment: estimators of two schemes are searched in two ways, both alike."""
+"""Tunings of the switching estimator's experiment: estimators of two schemes are searched in three ways, all alike."""
 
 import math
 from dataclasses import replace
@@ -17,6 +17,7 @@ EVERYBODY = ("kf", "ekf", "kinematic", "switching", "fusion")
 # What is infinite when an estimator of two schemes is its dynamic one alone, whose settings are in these fields
 KNOBS = {"switching": "threshold", "fusion": "gain"}
 DYNAMIC = ("model", "stiffness", "adaptation")
+STARTS = ("from_dynamic", "from_kf")
 
 
 def variant(family: str, stage: str = "") -> str:
@@ -29,22 +30,29 @@ def alone(name: str, estimator: Any) -> Any:
     return replace(estimator, **{KNOBS[name]: math.inf})
 
 
-def search_in_stages(name: str, family: str, loss: Loss, budget: int) -> None:
-    """The dynamic scheme alone, then everything, from what that found on; the second can end no worse than its start.
+def search_on(name: str, family: str, loss: Loss, budget: int) -> None:
+    """Two more searches in all settings, each from a good start on, than which it can end no worse.
 
-    A search in all settings at once may miss what its parts can do: this one begins with the best of them.
+    The common search begins as shipped, and may miss what an estimator's parts can do. Of these one begins with what a
+    search of the dynamic scheme alone finds, one with the model's settings of the Kalman filter on the same bicycle.
     """
     shipped, drive = ESTIMATORS.make(name), TRAINING[family]
     first = variant(family, "dynamic")
     tune_for("D", name, drive, loss, budget, first, begin=alone(name, shipped), within=DYNAMIC)
-    found: Any = Tuning.load(tuning_file("D", name, first)).make()
-    begin = replace(found, **{KNOBS[name]: getattr(shipped, KNOBS[name])})
-    tune_for("D", name, drive, loss, budget, variant(family, "stages"), begin=begin)
+    own = replace(load(name, family, "dynamic").make(), **{KNOBS[name]: getattr(shipped, KNOBS[name])})
+    kf: Any = load("kf", family).make()
+    for start, begin in zip(STARTS, (own, replace(shipped, model=kf.model)), strict=True):
+        tune_for("D", name, drive, loss, budget, variant(family, start), begin=begin)
 
 
 def load(name: str, family: str, stage: str = "") -> Tuning:
     """What a search found."""
     return Tuning.load(tuning_file("D", name, variant(family, stage)))
+
+
+def searches(name: str, family: str) -> list[Tuning]:
+    """All of an estimator of two schemes."""
+    return [load(name, family, start) for start in ("", *STARTS)]
 
 
 def best_of(tunings: list[Tuning]) -> Tuning:
@@ -55,5 +63,5 @@ def best_of(tunings: list[Tuning]) -> Tuning:
 def contenders(family: str) -> dict[str, Estimator]:
     """Everybody tuned; of two schemes, each as the better of its two searches left it."""
     found = {name: load(name, family) for name in EVERYBODY}
-    found |= {name: best_of([found[name], load(name, family, "stages")]) for name in KNOBS}
+    found |= {name: best_of(searches(name, family)) for name in KNOBS}
     return {name: found[name].make() for name in ("switching", "fusion", "kf", "ekf", "kinematic")}

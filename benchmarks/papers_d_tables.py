@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from papers_common import Claim, Heard, Paper, over_seeds
 from papers_d_drives import SPIKE, SPIKES, Drive, grip_used, with_biases, without_outliers
-from papers_d_search import alone, load
+from papers_d_search import STARTS, alone, searches
 from papers_statistics import DEG, Median, gain, median, rms, sideslip_error, spread
 
 from vse_gym.catalogue import ESTIMATORS
@@ -44,6 +44,18 @@ FIGURES: Mapping[str, Callable[[Log, Trace], float]] = {"max": largest, "mean": 
 def with_parts(made: Mapping[str, Estimator]) -> dict[str, Estimator]:
     """Everybody, and the dynamic scheme of the switching estimator."""
     return {**made, DYNAMIC: alone("switching", made["switching"])}
+
+
+def told(made: Mapping[str, Any], stiffness: float = 1.0) -> dict[str, Estimator]:
+    """Both, believing in axles of so much of their stiffness."""
+    return {_at(name, stiffness): replace(made[name], stiffness=stiffness) for name in ("switching", "fusion")}
+
+
+def as_told(heard: list[Heard], made: Mapping[str, Any]) -> str:
+    """How the RMSE compare where both believe in the car's own axles, in words."""
+    searched = " and ".join(f"{made[name].stiffness:.2f}" for name in ("switching", "fusion"))
+    own = better(heard, (_at("switching", 1.0), _at("fusion", 1.0)))["RMSE"]
+    return f"axles searched {searched} as stiff as they are; both told their own: {own.text('+.1f', '%')}"
 
 
 def better(heard: list[Heard], names: tuple[str, str] = ("switching", "fusion")) -> dict[str, Median]:
@@ -140,9 +152,9 @@ def variants(made: Mapping[str, Estimator], family: str) -> dict[str, Estimator]
     both = replace(switching.treatment, filtered=("ay", "yaw_rate"))
     tested = replace(switching.treatment, filtered=())
     searched = {
-        f"{name}: as {how} leaves it": load(name, family, stage).make()
+        f"{name}: as a search {start.replace('_', ' ') or 'from the settings shipped'} leaves it": tuning.make()
         for name in ("switching", "fusion")
-        for how, stage in (("one search", ""), ("the search in stages", "stages"))
+        for start, tuning in zip(("", *STARTS), searches(name, family), strict=True)
     }
     return {
         "switching": switching,
@@ -165,8 +177,8 @@ def sensitivity(paper: Paper, where: str, drive: Drive, made: Mapping[str, Estim
     """Lines of a drive: axles believed too stiff or too soft, sensors without outliers or with biases."""
     pair: dict[str, Any] = {name: made[name] for name in ("switching", "fusion")}
     pair[DYNAMIC] = alone("switching", pair["switching"])
-    stiff = {(n, k): replace(e, stiffness=k) for k in STIFFNESSES for n, e in pair.items()}
-    heard = paper.hear(drive, {_at(*key): e for key, e in stiff.items()}, f"{where}, stiffness")
+    stiff = {_at(n, k): replace(e, stiffness=k) for k in STIFFNESSES for n, e in pair.items()}
+    heard = paper.hear(drive, stiff, f"{where}, stiffness")
     lines = [
         _line(where, f"axles believed {100 * k:.0f} % as stiff as they are", heard, [_at(n, k) for n in pair])
         for k in STIFFNESSES

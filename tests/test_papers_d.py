@@ -84,7 +84,7 @@ def test_only_an_advantage_can_shrink(on_low, on_high, verdict):
 # -- tunings ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_tuning_in_stages_keeps_the_threshold_and_is_no_worse_than_its_dynamic_scheme_is(tmp_path, monkeypatch):
+def test_a_search_from_another_start_keeps_the_threshold_and_ends_no_worse_than_it_began(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules["papers_search"], "TUNINGS", tmp_path)
     seen = []
 
@@ -94,23 +94,27 @@ def test_a_tuning_in_stages_keeps_the_threshold_and_is_no_worse_than_its_dynamic
 
     short = drives.replace(drives.low, manoeuvre=drives.replace(drives.low.manoeuvre, duration=2.0))
     monkeypatch.setitem(search.TRAINING, search.FAR, short)
-    search.search_in_stages("switching", search.FAR, loss, budget=3)
-    first, second = (search.load("switching", search.FAR, stage) for stage in ("dynamic", "stages"))
+    for name in ("kf", "switching"):
+        search.tune_for("D", name, short, loss, 2)
+    search.search_on("switching", search.FAR, loss, budget=2)
+    first, second, third = (search.load("switching", search.FAR, stage) for stage in ("dynamic", *search.STARTS))
     assert first.make().threshold == np.inf
-    assert second.make().threshold == 1.5
-    assert second.origin["tuned"] <= second.origin["default"]
+    for tuning in (second, third):
+        assert tuning.make().threshold == 1.5
+        assert tuning.origin["tuned"] <= tuning.origin["default"]
     assert first.settings["treatment.ay_band"] == 5.0  # not of the dynamic scheme, so not searched
     assert first.origin["tuned"] <= first.origin["default"]
 
 
-def test_of_two_searches_the_one_that_ended_better_counts_for_both_estimators(monkeypatch):
-    losses = {"": {"switching": 2.0, "fusion": 1.0}, "stages": {"switching": 1.0, "fusion": 2.0}}
-    stiffness = {"": 0.8, "stages": 1.2}
+def test_of_all_searches_the_one_that_ended_best_counts_for_both_estimators(monkeypatch):
+    losses = {"switching": (2.0, 1.0, 3.0), "fusion": (1.0, 2.0, 3.0)}
+    starts = ("", *search.STARTS)
 
-    def load(name, family, stage=""):
-        settings = {"stiffness": stiffness[stage]} if name in search.KNOBS else {}
-        return search.Tuning(name, settings, {"tuned": losses[stage].get(name, 0.0)})
+    def load(name, family, start=""):
+        k = starts.index(start)
+        settings = {"stiffness": 0.8 + 0.2 * k} if name in losses else {}
+        return search.Tuning(name, settings, {"tuned": losses[name][k] if name in losses else 0.0})
 
     monkeypatch.setattr(search, "load", load)
     made = search.contenders(search.FAR)
-    assert (made["switching"].stiffness, made["fusion"].stiffness) == (1.2, 0.8)
+    assert (made["switching"].stiffness, made["fusion"].stiffness) == (1.0, 0.8)
