@@ -153,8 +153,8 @@ NOTES = [
     f"Switching and fusion are searched alike, three times in all settings, of {BUDGET} trials each: from the settings "
     "shipped; from those that a search of the dynamic scheme alone finds; and from the model's settings found for kf. "
     "Of the three the one with the least loss on its training seeds counts. They end apart, see the tunings: of a "
-    "difference between the estimators that is less than that, the search may be the reason. Drives of 95 m and of gentle steering are "
-    "heard with the tuning of the 95 m lane changes, the others with that of 70 m.",
+    "difference between the estimators that is less than that, the search may be the reason. Drives of 95 m and of "
+    "gentle steering are heard with the tuning of the 95 m lane changes, the others with that of 70 m.",
     f"Outliers of the gyro last {SPIKE} s. Biases are off (calibrated out beforehand) but where a line says so. Wheel "
     "speeds have 0.1 rad/s of noise, the steering angle 0.02 deg.",
     "The low-pass is the printed transfer function, bilinear; its output and the gyro are tested against the steady "
