@@ -209,7 +209,7 @@ def accuracy(
     """More accurate than the unscented particle filter, in roll angle and in sideslip; and all comparisons."""
     claims, rows = [], []
     for which, names in (PAIRS | MORE).items():
-        row = [which, carried(filters, names), " / ".join(f"{effective(heard, name):.0f}" for name in names)]
+        row = [which, carried(filters, names), " / ".join(f"{effective(heard, name):.1f}" for name in names)]
         for what in FIGURES:
             other, here = (whole(heard, name, what) for name in names)
             difference = gain(here, other)
