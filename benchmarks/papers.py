@@ -59,6 +59,8 @@ def main(
         if tune:
             for name in track(module.TUNED, f"{system}: searching tunings", transient=True):
                 tune_for(system, name, module.training_drive, module.loss, budget or module.BUDGET)
+            if hasattr(module, "search_more"):
+                module.search_more(budget or module.BUDGET)
         outcome: Outcome = module.run(Paper(system, range(seeds), jobs, out))
         text = _page(system, outcome, seeds, time.perf_counter() - begin)
         (out / f"{system}.md").write_text(text, encoding="utf-8")

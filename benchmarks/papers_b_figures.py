@@ -35,7 +35,7 @@ def draw(
         below.set_xlabel("time [s]")
     for axes in grid.flat:
         axes.grid(alpha=0.3)
-    grid[0, 0].legend(fontsize=8, ncols=2)
-    figure.suptitle(f"{what} noise, 80 km/h, friction 0.85, tuned alike", fontsize=10)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", fontsize=8, ncols=len(shown) + 1)
+    figure.suptitle(f"{what} noise, 80 km/h, friction 0.85, each tuned", fontsize=10)
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / f"B_{what.replace(', ', '_').replace(' ', '_').lower()}.png", dpi=110)

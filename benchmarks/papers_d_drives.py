@@ -3,10 +3,14 @@
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from vse_gym.manoeuvres.base import DEG, Criterion, Manoeuvre, Verdict
 from vse_gym.manoeuvres.driver import Pedals, pedals
 from vse_gym.manoeuvres.triple_lane_change import TripleLaneChange
 from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
+from vse_gym.physics.parameters import GRAVITY
 from vse_gym.sensing import NoiseRecord
 from vse_gym.sensors import LOUD, Sensors
 from vse_gym.simulation import Scenario, scenario
@@ -15,6 +19,7 @@ from vse_gym.types import Y_YAW_RATE, Car, Driver, Log
 CAR = "chen2024_c_class"
 SPIKES = ((2.0, 0.47), (7.0, 0.84))  # when, and how high the gyro's outliers reach (published) [s], [rad/s]
 SPIKE = 0.03  # how long each is (chosen) [s]
+LONG = 100  # readings from which on a part of the road counts: at a seam the wheels' mean is neither friction
 
 
 @dataclass(frozen=True)
@@ -38,8 +43,8 @@ BIASED = replace(SENSORS, acceleration_bias=0.5, yaw_rate_bias=0.1 * DEG)  # as 
 class AcceleratingSine(Manoeuvre):
     """Fixed throttle from 12.5 m/s, the hand wheel a sine whose amplitude changes: the paper's drives on a test rig.
 
-    Speed, frictions and when the amplitude changes are published, the rest is chosen: so that the car nears its limit
-    at the end, where it is at 80 to 90 % of what the road gives.
+    Speed, frictions and when the amplitude changes are published, the rest is chosen. :func:`grip_used` says how near
+    to its limit the car comes.
     """
 
     speed: float = 12.5
@@ -64,31 +69,40 @@ class AcceleratingSine(Manoeuvre):
         return Verdict((Criterion("largest sideslip", log.peak_sideslip / DEG, 15.0, "deg"),))
 
 
-LANES = TripleLaneChange()
-LOW = AcceleratingSine(friction=0.35, duration=30.0, weak=0.3)
-HIGH = AcceleratingSine(friction=0.85, duration=40.0, acceleration=0.3, amplitude=30 * DEG, grown=1.25)
+@dataclass(frozen=True)
+class Drive:
+    """A seed draws the noise; the drive is the same."""
+
+    manoeuvre: Manoeuvre
+    sensors: Sensors = SENSORS
+
+    def __call__(self, seed: int) -> Scenario:
+        return scenario(self.manoeuvre, CAR, self.sensors)
 
 
-def lane_changes(seed: int) -> Scenario:
-    """Three double lane changes on a road that gets slippery."""
-    return scenario(LANES, CAR, SENSORS)
+# Chosen first, and far from the limit: the linear tyres of the dynamic scheme are right there
+lane_changes = Drive(TripleLaneChange(swing=95.0))
+low = Drive(AcceleratingSine(friction=0.35, duration=30.0, weak=0.3))
+high = Drive(AcceleratingSine(friction=0.85, duration=40.0, acceleration=0.3, amplitude=30 * DEG, grown=1.25))
+# Nearer to it, below it: found by making the lane changes shorter, and the sine greater, step by step
+short_lane_changes = Drive(TripleLaneChange(swing=70.0))
+low_near = Drive(replace(low.manoeuvre, amplitude=28 * DEG))
+high_near = Drive(replace(high.manoeuvre, amplitude=56 * DEG))
 
 
-def spared(seed: int) -> Scenario:
-    """The same without outliers."""
-    return scenario(LANES, CAR, Sensors(LOUD))
+def without_outliers(drive: Drive) -> Drive:
+    """Of the gyro."""
+    return replace(drive, sensors=Sensors(LOUD))
 
 
-def biased(seed: int) -> Scenario:
-    """The same with the sensors' biases left in."""
-    return scenario(LANES, CAR, BIASED)
+def with_biases(drive: Drive) -> Drive:
+    """Of the sensors, as they are before calibration."""
+    return replace(drive, sensors=BIASED)
 
 
-def low(seed: int) -> Scenario:
-    """Accelerating on friction 0.35."""
-    return scenario(LOW, CAR, SENSORS)
-
-
-def high(seed: int) -> Scenario:
-    """Accelerating on friction 0.85."""
-    return scenario(HIGH, CAR, SENSORS)
+def grip_used(log: Log) -> dict[float, float]:
+    """Largest |ay| over what friction gives on each part of the road, in the order of the way, by its friction [-]."""
+    share = np.abs(log.truth[:, p.AY]) / (GRAVITY * log.friction)
+    frictions, firsts, rows = np.unique(log.friction, return_index=True, return_counts=True)
+    long = sorted((first, f) for f, first, n in zip(frictions, firsts, rows, strict=True) if n > LONG)
+    return {float(f): float(share[log.friction == f].max()) for _, f in long}

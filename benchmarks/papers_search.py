@@ -1,7 +1,7 @@
 """The common search of tunings for the papers' experiments."""
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -24,23 +24,37 @@ Loss = Callable[[Log, Trace], float]  # what a search makes small
 
 def tuned(system: str, name: str) -> Estimator:
     """An estimator with the tuning found for a system's experiment, or its default if none was searched."""
-    path = _file(system, name)
+    path = tuning_file(system, name)
     return Tuning.load(path).make() if path.exists() else default_of(name)
 
 
-def _file(system: str, name: str) -> Path:
+def tuning_file(system: str, name: str, variant: str = "") -> Path:
     """Of an estimator's tuning; one of the experiment's own, module:name, by its name."""
-    return TUNINGS / f"{system}_{name.rpartition(':')[2]}.toml"
+    return TUNINGS / f"{system}_{name.rpartition(':')[2]}{variant and '_' + variant}.toml"
 
 
-def tune_for(system: str, name: str, drive: Drive, loss: Loss, budget: int, jobs: int = 1) -> Path | None:
+def tune_for(
+    system: str,
+    name: str,
+    drive: Drive,
+    loss: Loss,
+    budget: int,
+    variant: str = "",
+    begin: Estimator | None = None,
+    within: Container[str] | None = None,
+) -> Path | None:
     """Search a tuning that makes ``loss`` small on seeds from 1000 on; the same budget and sampler for everybody.
+
+    Args:
+        variant: Tells this search's file from that of the estimator's common one.
+        begin: Settings to begin with, and to keep where none is searched; None: the default's.
+        within: Fields of the estimator in which to search; None: all.
 
     Returns:
         The file, or None if there is nothing to tune.
     """
-    default = default_of(name)
-    limits = ranges(default)
+    default = default_of(name) if begin is None else begin
+    limits = {k: v for k, v in ranges(default).items() if within is None or k.partition(".")[0] in within}
     if not limits:
         return None
     start = {setting: float(attrgetter(setting)(default)) for setting in limits}
@@ -65,7 +79,7 @@ def tune_for(system: str, name: str, drive: Drive, loss: Loss, budget: int, jobs
         "budget": budget,
         "finished": len(whole),
     }
-    path = _file(system, name)
+    path = tuning_file(system, name, variant)
     Tuning.of(name, changed(default, best.values), origin).save(path)
     return path
 
@@ -76,5 +90,12 @@ def search_rows(system: str) -> Sheet:
     for path in sorted(TUNINGS.glob(f"{system}_*.toml")):
         table = tomllib.loads(path.read_text(encoding="utf-8"))
         origin = table["origin"]
-        rows.append([table["estimator"], f"{origin['default']:.3g}", f"{origin['tuned']:.3g}", str(origin["budget"])])
-    return Sheet(["estimator", "loss with defaults", "loss found", "trials"], rows)
+        rows.append(
+            [
+                path.stem.removeprefix(f"{system}_"),
+                f"{origin['default']:.3g}",
+                f"{origin['tuned']:.3g}",
+                str(origin["budget"]),
+            ]
+        )
+    return Sheet(["search", "loss at its start", "loss found", "trials"], rows)
