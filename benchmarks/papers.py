@@ -10,7 +10,8 @@ this project's in place of ADAMS or CarSim. Estimators hear the same readings of
 Settings are the published ones where the print gives them; else everybody in a system's table has the tuning that the
 same search found, of the same budget, on seeds that no table uses. Each page says which. A figure is the median over
 seeds; a claim that one estimator is better than another is judged by the median of paired differences and its 90 %
-interval: "holds" or "fails" if zero lies outside, else "open".
+interval: "holds" or "fails" if zero lies outside, else "open". Seeds draw the noise, not the drive: a verdict is one
+about the page's manoeuvre, car and sensors.
 """
 
 import time

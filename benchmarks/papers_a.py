@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from papers_a_figures import draw_errors, draw_states, draw_why
 from papers_common import Claim, Heard, Outcome, Paper
+from papers_cost import seconds_per_update
 from papers_statistics import DEG, Median, median, motion_error, rms, sideslip_error, spread
 
 from vse_gym.estimators.base import Estimator
@@ -31,6 +32,7 @@ STRONG = 0.5  # of the half waves that reach this share of the drive's largest [
 WITHOUT_SLIP, GAUSSIAN, SHEET = "single track", "Gaussian likelihood", "noise as on the data sheet"
 MEASURED_ALIKE, GATED = "pf_cauchy_gaussian, double track", "strong_tracking, gate 0.9999"
 PERIOD = 0.01  # between readings [s]
+SLOWEST = 0.99  # share of a drive's updates that must be fast enough
 NOTES = [
     "Speed, cones and noise are not printed: 50 km/h (within the real drives' 30 to 50), cones 18 m apart, 10 s; "
     "LOUD sensors with alpha 1.5, clipped at 20 m/s² and 100 deg/s.",
@@ -39,6 +41,7 @@ NOTES = [
     f"A peak is where |signal| exceeds {TOP:.0%} of the largest value of its half wave, of half waves that reach "
     f"{STRONG:.0%} of the drive's largest; vx and ax are taken about their mean.",
     "All six states: geometric mean over vx, vy, ax, ay, yaw rate and sideslip of the ratios of RMSE.",
+    "One manoeuvre at one speed on one road: what holds here holds for that drive and its noise.",
 ]
 
 Part = Callable[[Array], Any]  # which instants of a true signal (T,) count
@@ -165,7 +168,7 @@ def run(paper: Paper) -> Outcome:
         _claim(heard, "mapf", "strong_tracking", peaks, "at the peaks: than strong tracking (ref. 11)", against_strong),
         _claim(heard, "mapf", "pf", everywhere, "over the drive: than the particle filter"),
         _claim(heard, "mapf", "strong_tracking", everywhere, "over the drive: than strong tracking"),
-        _real_time(heard),
+        _real_time(found["mapf"], heard),
         _claim(heard, "mapf_physics", "pf", peaks, "not in the paper: `mapf_physics` than the particle filter, peaks"),
         _claim(heard, "mapf", "pf_cauchy_gaussian", peaks, "not in the paper: than a heavy-tailed `pf`, peaks"),
     ]
@@ -201,10 +204,14 @@ def _claim(
     return Claim("A", what, "-", found.text("+.0f", "% error"), found.judged(), why + more)
 
 
-def _real_time(heard: Sequence[Heard]) -> Claim:
-    spent = median([1e6 * h.traces["mapf"].seconds for h in heard])
-    why = f"{spent.middle / (1e6 * PERIOD):.1%} of the 10 ms between readings, 500 particles"
-    return Claim("A", "MAPF stays real-time", "-", spent.text(".0f", "us"), spent.judged(1e6 * PERIOD), why)
+def _real_time(mapf: Estimator, heard: Sequence[Heard]) -> Claim:
+    spent = 1e6 * seconds_per_update({"mapf": mapf}, [h.log for h in heard], drive(0).nominal, SLOWEST)["mapf"]
+    most, usual = median(spent), np.median([1e6 * h.traces["mapf"].seconds for h in heard])
+    why = (
+        f"{SLOWEST:.0%} of a drive's updates take less: {most.middle / (1e6 * PERIOD):.1%} of the 10 ms between "
+        f"readings, 500 particles; half of them {usual:.0f} us"
+    )
+    return Claim("A", "MAPF stays real-time", "-", most.text(".0f", "us"), most.judged(1e6 * PERIOD), why)
 
 
 def _paired(heard: Sequence[Heard]) -> Sheet:

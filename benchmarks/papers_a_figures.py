@@ -40,7 +40,7 @@ def draw_states(heard: Heard, path: Path) -> None:
     """The six states, true and estimated, over the drive."""
     figure, axes = _panels("Slalom, 50 km/h, 100 Hz, Cauchy-Gaussian noise: states")
     for ax, (label, column, at, factor) in zip(axes.ravel(), PANELS, strict=True):
-        ax.plot(heard.log.time, factor * _true(heard, at), "k", lw=1.5, label="true")
+        ax.plot(heard.log.time, factor * _true(heard, at), "k", lw=1.2, zorder=3, label="true")  # over the noise
         for name, colour in SHOWN.items():
             estimate = heard.traces[name].estimate
             value = np.arctan2(estimate[:, 1], estimate[:, 0]) if column < 0 else estimate[:, column]

@@ -6,10 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vse_gym.inference.model import Gaussian
 from vse_gym.physics import parameters as p
 
-__all__ = ["NO_BRAKE", "UNKNOWN_COV", "Array", "BrakeDemand", "Car", "Driver", "Estimate", "Gaussian", "Reading"]
+__all__ = ["NO_BRAKE", "UNKNOWN_COV", "Array", "BrakeDemand", "Car", "Driver", "Estimate", "Reading"]
 
 Array = NDArray[np.float64]
 NAN = float("nan")

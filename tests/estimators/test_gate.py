@@ -27,7 +27,7 @@ def rmse(sensors, name):
     return np.degrees(np.sqrt(np.mean(np.reshape(found, (3, 2, 2)), axis=0)))
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf"])
+@pytest.mark.parametrize("name", ["ekf", "ukf", "imm"])
 def test_bursts_do_less_harm(name):
     without, gated = rmse("outliers", name)
     assert gated[1] < 0.5 * without[1]

@@ -101,7 +101,7 @@ def test_the_printed_forms_are_offered_and_go_through(name, lane_change):
         ({"start": "zero"}, "start must be one of"),
         ({"constant": "mine"}, "constant must be one of donoho, printed"),
         ({"size": 1}, "size must be at least 2"),
-        ({"order": 0}, "size must be at least 2, order 1"),
+        ({"window": 4}, "size must be at least 2 and window twice the order, not 500 and 4"),
         ({"coefficient": 0.0}, r"coefficient must lie in \(0, 1\]"),
         ({"alpha": 0.5}, "alpha"),
         ({"noise_gain": -1.0}, "must not be negative"),

@@ -124,6 +124,12 @@ def test_the_low_passes_leave_the_noise_that_is_said():
     assert np.var(np.diff(values) / dt) == pytest.approx(slope, rel=0.05)
 
 
+def test_while_locked_wheels_slide_it_neither_loses_the_speed_nor_drives_backwards():
+    log = rollout(scenario("friction_jump", "tian2018_electric"), "sr_ukf_rls", "esc", seed=0)
+    assert log.estimate[:, 0].min() > -0.2  # at rest, the wheels' noise
+    assert np.abs(log.estimate[:, 0] - log.truth[:, p.VX]).max() < 1
+
+
 def test_the_covariances_stay_positive_definite(nominal, readings):
     estimator, rng = ESTIMATORS.make("sr_ukf_rls"), stream(0, "estimator")
     state = estimator.init(nominal, rng)
@@ -141,9 +147,29 @@ def test_the_covariances_stay_positive_definite(nominal, readings):
     [
         ({"stiffness_bounds": (1.5, 2.0)}, "hold 1"),
         ({"forgetting": 0.0}, "forgetting"),
+        ({"forgetting": 1.1}, "forgetting"),
         ({"stiffness_prior": 0.0}, "prior"),
+        ({"stiffness_bounds": (0.1, np.inf)}, "finite"),
+        ({"alpha": 0.0}, "alpha must be positive"),
+        ({"beta": -1.0}, "beta not negative"),
+        ({"kappa": -3.0}, "kappa larger than -3"),
     ],
 )
 def test_what_cannot_be_is_refused(settings, told):
     with pytest.raises(ValueError, match=told):
         ESTIMATORS.make("sr_ukf_rls", **settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"lag": 0.0}, "lag must be positive and finite, not 0.0"),
+        ({"force_error": 0.0}, "force_error must be positive"),
+        ({"vx_noise": -0.1}, "vx_noise must be finite and not negative, not -0.1"),
+        ({"least_speed": np.nan}, "least_speed must be finite"),
+        ({"least_slip": 0.2}, "least_slip must be less than most_slip, 0.15, not 0.2"),
+    ],
+)
+def test_a_model_that_cannot_be_is_refused(settings, told):
+    with pytest.raises(ValueError, match=told):
+        ForceBicycleTuning(**settings)

@@ -6,9 +6,10 @@ import pytest
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.gaussian import Gate
 from vse_gym.inference.gaussian import fading_factors
+from vse_gym.physics import parameters as p
 from vse_gym.sensors import QUIET, Sensors
 from vse_gym.simulation import rollout, scenario
-from vse_gym.types import Reading
+from vse_gym.types import Y_WHEEL, Reading
 
 
 def followed(estimator, setting, log):
@@ -17,7 +18,7 @@ def followed(estimator, setting, log):
     state, factors, means = estimator.init(setting.nominal, rng), [], []
     for row in zip(log.time.tolist(), log.inputs, log.readings, strict=True):
         state = estimator.update(state, Reading(*row), rng)
-        factors.append(fading_factors(state.kept))
+        factors.append(fading_factors(state.kept) if len(state.kept) > 3 else np.ones(3))
         means.append(state.mean)
     return np.array(factors), np.array(means)
 
@@ -48,12 +49,30 @@ def test_bursts_are_changes_to_it_and_a_gate_keeps_them_out():
     assert np.abs(gated[1][:, 2]).max() < 0.5 * np.abs(free[1][:, 2]).max()
 
 
+@pytest.mark.parametrize("sensors", ["cauchy_gaussian", "outliers"])
+def test_without_wheel_speeds_the_speed_does_not_run_away(sensors):
+    setting = scenario("sine_with_dwell", sensors=sensors, friction=0.4)
+    log = rollout(setting, "truth", "esc", seed=0)
+    readings = log.readings.copy()
+    readings[log.time > 1.0, Y_WHEEL : Y_WHEEL + 4] = np.nan
+    silent = log._replace(readings=readings)
+    lost = {
+        name: np.abs(followed(ESTIMATORS.make(name), setting, silent)[1][:, 0] - log.truth[:, p.VX]).max()
+        for name in ("strong_tracking", "ekf")
+    }
+    # To it an outlier is a change, so it loses more than the extended filter; unbounded it is off by more than 1e7 m/s.
+    assert lost["strong_tracking"] < 2.5 * lost["ekf"]
+
+
 @pytest.mark.parametrize(
     ("settings", "told"),
     [
         ({"forgetting": 1.5}, "forgetting must lie in"),
         ({"weakening": 0.0}, "weakening be positive"),
         ({"shares": (1.0, -1.0, 1.0)}, "shares must not be negative"),
+        ({"shares": (0.0, 0.0, 0.0)}, "one positive"),
+        ({"shares": ()}, "one positive"),
+        ({"largest": 0.0}, "largest must be positive"),
         ({"watched": ("az",)}, "watched names no such channel"),
     ],
 )

@@ -10,9 +10,19 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from vse_gym.compiled import hold
-from vse_gym.inference.gaussian import Extended, SquareRootUnscented, Unscented, covariance, filter_step, keep
+from vse_gym.inference.gaussian import (
+    Extended,
+    Gated,
+    SquareRootUnscented,
+    Unscented,
+    covariance,
+    filter_drive,
+    filter_step,
+    keep,
+)
 from vse_gym.inference.multiple_model import (
     Interacting,
+    expect,
     interact,
     moments,
     multiple_model_step,
@@ -26,18 +36,18 @@ RULES = {"extended": Extended(), "unscented": Unscented(), "square root": Square
 
 
 def start(models):
-    """Means, covariances and memory of modes that all begin with the prior."""
+    """Means, covariances and memory, with refusals of three channels, of modes that all begin with the prior."""
     model = models[0]
-    return np.tile(model.prior_mean, (len(models), 1)), np.tile(model.prior_cov, (len(models), 1, 1)), model.memory
+    return np.tile(model.prior_mean, (len(models), 1)), np.tile(model.prior_cov, (len(models), 1, 1)), np.zeros(3)
 
 
-def follow(rule, models, transition, probabilities, drive):
+def follow(rule, models, transition, probabilities, drive, *gate):
     """Probabilities (T, M), and mean and covariance of all modes together, after each reading of a drive."""
     means, covs, memory = start(models)
     found = []
     for u, y in zip(drive.inputs, drive.readings, strict=True):
         probabilities, means, covs, memory, _, _ = multiple_model_step(
-            Interacting(rule, transition), models, probabilities, means, covs, memory, u, y
+            Interacting(rule, transition, *gate), models, probabilities, means, covs, memory, u, y
         )
         found.append((probabilities, *moments(probabilities, means, covs)))
     return [np.array(what) for what in zip(*found, strict=True)]
@@ -111,6 +121,32 @@ def test_with_equal_modes_it_is_the_single_filter(rule, linear, linear_drive):
         np.testing.assert_allclose(means[k], mean, atol=1e-8)
         np.testing.assert_allclose(covs[k], covariance(rule, kept), atol=1e-8)
         np.testing.assert_allclose(probabilities[k], ahead, atol=1e-8)
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+def test_with_equal_modes_its_gate_is_that_of_the_single_filter(rule, linear, linear_drive):
+    wild = linear_drive._replace(readings=linear_drive.readings.copy())
+    wild.readings[20, 0], wild.readings[30:45, 1] = 30.0, 25.0  # a spike, and a burst longer than the patience
+    gate = 9.0, 10.0
+    _, means, covs = follow(rule, (linear, linear), JUMPS, SHARES, wild, *gate)
+    model = linear._replace(memory=np.zeros(3))
+    single = filter_drive(
+        Gated(rule, *gate), model, model.prior_mean, model.prior_cov, model.memory, wild.inputs, wild.readings
+    )
+    ungated = follow(rule, (linear, linear), JUMPS, SHARES, wild)[1]
+    for found, wanted in zip((means, covs), single, strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-7)  # as without a gate, in numbers ten times as large
+    assert np.abs(ungated - means)[[20, 30]].max() > 1.0
+
+
+@given(st.integers(0, 10_000), st.integers(1, 3))
+def test_what_it_expects_to_read_is_the_mixture_of_what_its_modes_do(linear, seed, modes):
+    weights, means, covs = beliefs(seed, modes, 2)
+    each = np.tile(linear.H, (modes, 1, 1))
+    wanted = moments(weights, np.einsum("kij,kj->ki", each, means), each @ covs @ each.transpose(0, 2, 1))
+    expected, spread = expect(Interacting(Unscented(), JUMPS), (linear,) * modes, weights, means, covs, np.zeros(1))
+    np.testing.assert_allclose(expected, wanted[0], atol=1e-9)
+    np.testing.assert_allclose(spread, np.diag(wanted[1]), atol=1e-9)  # of numbers up to 400
 
 
 def bayes(models, probabilities, drive):

@@ -7,6 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 from scipy.stats import cauchy, kstest, norm
+from stonesoup.resampler.particle import SystematicResampler
+from stonesoup.types.array import StateVectors
+from stonesoup.types.state import ParticleState
 
 from vse_gym.inference.particle import (
     bootstrap_step,
@@ -57,6 +60,17 @@ def test_a_particle_without_weight_is_not_copied(k, u):
     weights = np.full(20, 1 / 19)
     weights[k] = 0.0
     assert k not in systematic(weights, u)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_systematic_resampling_is_stone_soups(seed, monkeypatch):
+    # Which goes through the particles in the order of their weights.
+    rng = np.random.default_rng(seed)
+    weights, u = np.sort(rng.dirichlet(np.full(50, 0.2))), rng.random()
+    particles = ParticleState(StateVectors(np.arange(50)[None]), weight=weights)
+    monkeypatch.setattr(np.random, "uniform", lambda low, high: low + u * (high - low))
+    theirs = SystematicResampler().resample(particles).state_vector[0]
+    np.testing.assert_array_equal(systematic(weights, u), np.asarray(theirs, dtype=int))
 
 
 def test_resampling_is_unbiased():

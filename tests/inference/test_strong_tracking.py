@@ -19,10 +19,9 @@ from vse_gym.inference.gaussian.strong_tracking import fade
 NOTHING = np.empty(0)
 
 
-def tracking(states=2, channels=3, forgetting=0.95, weakening=1.5, shares=None, whitened=1.0):
-    return StrongTracking(
-        forgetting, weakening, np.ones(states) if shares is None else np.array(shares), np.ones(channels), whitened
-    )
+def tracking(states=2, channels=3, forgetting=0.95, weakening=1.5, shares=None, **more):
+    shares = np.ones(states) if shares is None else np.array(shares)
+    return StrongTracking(forgetting, weakening, shares, np.ones(channels), **{"whitened": 1.0, **more})
 
 
 @pytest.fixture(scope="module")
@@ -93,14 +92,34 @@ def test_what_a_factor_is():
     # One state, one channel: F P F^T = P- - Q = 3, H = 2, N = v^2 - H Q H^T - beta R, M = H 3 H.
     rule = tracking(1, 1, weakening=1.5, whitened=0.0)
     kept = keep(rule, np.array([[3.5]]))
-    after = fade(rule, kept, np.array([[0.5]]), np.array([[2.0]]), np.array([8.0]), np.array([4.0]))
+    known = np.array([[1.0]]), np.array([[0.5]]), np.array([[2.0]])  # prior, Q and H
+    after = fade(rule, kept, *known, np.array([8.0]), np.array([4.0]))
     wanted = (64 - 4 * 0.5 - 1.5 * 4) / (4 * 3)
     assert fading_factors(after)[0] == pytest.approx(wanted)
     assert covariance(rule, after)[0, 0] == pytest.approx(wanted * 3 + 0.5)
     # The second innovation is weighed with the first: V = (0.95 64 + 144)/1.95.
-    again = fade(rule, after, np.array([[0.5]]), np.array([[2.0]]), np.array([12.0]), np.array([4.0]))
+    again = fade(rule, after, *known, np.array([12.0]), np.array([4.0]))
     held = covariance(rule, after)[0, 0] - 0.5
     assert fading_factors(again)[0] == pytest.approx(((0.95 * 64 + 144) / 1.95 - 8) / (4 * held))
+
+
+def test_a_state_fades_up_to_a_multiple_of_its_prior_and_never_shrinks(cart):
+    readings = shoved(1, push=100.0)
+    for largest in (0.5, 20.0):
+        rule = tracking(channels=1, shares=[1.0, 10.0], largest=largest)
+        mean, kept, u = cart.prior_mean, keep(rule, cart.prior_cov), np.zeros(1)
+        limited = 0
+        for reading in readings:
+            _, before = predict(rule, cart, mean, kept, u)
+            columns = cart.H, np.array([reading]) - cart.H @ (cart.F @ mean), cart.R
+            faded = fade(rule, before, cart.prior_cov, cart.process_cov, *columns)
+            held = np.diag(covariance(rule, before) - cart.process_cov)
+            after = np.diag(covariance(rule, faded) - cart.process_cov)
+            assert np.all(after <= np.maximum(held, largest * np.diag(cart.prior_cov)) * (1 + 1e-9))
+            assert np.all(after >= held * (1 - 1e-9))
+            limited += np.any(np.isclose(after, largest * np.diag(cart.prior_cov), rtol=1e-9))
+            mean, kept, *_ = filter_step(rule, cart, mean, kept, NOTHING, u, np.array([reading]))
+        assert limited > 10
 
 
 def test_whitened_it_knows_no_units(linear, linear_drive):

@@ -28,6 +28,7 @@ class Truth(Estimator):
     inner: Estimator | None = None  # whose estimate the other fields keep; None: nothing known of them
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "fields", tuple(self.fields))
         if wrong := set(self.fields) - set(MOTION):
             raise ValueError(f"no such field of the estimate: {sorted(wrong)}; known: {', '.join(MOTION)}")

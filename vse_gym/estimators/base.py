@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vse_gym.models import Nominal
+from vse_gym.models.tuning import Settings
 from vse_gym.types import Array, Estimate, Reading
 
 
@@ -21,7 +22,7 @@ def found(model: Any, mean: Array, cov: Array) -> dict[str, float]:
     return out
 
 
-class Estimator(ABC):
+class Estimator(Settings, ABC):
     """A frozen set of tunings; what it believes travels in a state that it is handed and hands back.
 
     An estimator knows ``Nominal`` and readings, nothing else. Randomness comes from ``rng`` alone.

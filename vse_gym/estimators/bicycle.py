@@ -1,6 +1,7 @@
-"""The textbook's sideslip observer: a Kalman filter on the linear bicycle."""
+"""The textbook's sideslip observer, a Kalman filter on the linear bicycle, and what its kind says."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +13,25 @@ from vse_gym.models import LinearBicycleTuning, Nominal
 from vse_gym.types import Estimate, Reading
 
 
+class BicycleEstimator(Estimator):
+    """Who believes vy and yaw rate and takes vx for known: what is said of a state with ``belief`` and ``cov`` (2, 2).
+
+    A belief ends with vx, vy, yaw rate, ax, ay, NIS and its degrees of freedom.
+    """
+
+    def estimate(self, state: Any) -> Estimate:
+        vx, vy, yaw_rate, ax, ay, _, _ = state.belief[-7:].tolist()
+        cov = np.full((3, 3), np.nan)
+        cov[1:, 1:] = state.cov
+        return Estimate(vx, vy, yaw_rate, ax, ay, cov)
+
+    def innovation(self, state: Any) -> tuple[float, float]:
+        nis, dof = state.belief[-2:].tolist()
+        return nis, dof
+
+
 @dataclass(frozen=True)
-class LinearKalmanFilter(Estimator):
+class LinearKalmanFilter(BicycleEstimator):
     """Kalman's filter on two axles with linear tyres, scheduled by the wheels' speed. Kalman (1960).
 
     vx is not in its state: it is the wheels' speed, and the covariance does not know it.
@@ -31,12 +49,3 @@ class LinearKalmanFilter(Estimator):
     def update(self, state: GaussianState, reading: Reading, rng: np.random.Generator) -> GaussianState:
         constants, belief = state
         return GaussianState(constants, kalman_update(constants, belief, reading.inputs, reading.y))
-
-    def estimate(self, state: GaussianState) -> Estimate:
-        vx, vy, yaw_rate, ax, ay, _, _ = state.output.tolist()
-        cov = np.full((3, 3), np.nan)
-        cov[1:, 1:] = state.cov
-        return Estimate(vx, vy, yaw_rate, ax, ay, cov)
-
-    def innovation(self, state: GaussianState) -> tuple[float, float]:
-        return float(state.output[5]), float(state.output[6])

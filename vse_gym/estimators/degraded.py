@@ -32,6 +32,7 @@ class Degraded(Estimator):
     bias: float = 0.0  # added to vy after the gain [m/s]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.delay >= 0:
             raise ValueError(f"delay must not be negative, not {self.delay}")
 

@@ -10,6 +10,7 @@ from vse_gym.estimators.base import Estimator
 from vse_gym.inference.ensemble import ensemble_step
 from vse_gym.inference.particle import draw
 from vse_gym.models import ModelTuning, Nominal, SingleTrackTuning
+from vse_gym.models.tuning import check_range
 from vse_gym.types import Array, Estimate, Reading
 
 
@@ -41,8 +42,10 @@ class EnsembleKalmanFilter(Estimator):
     inflation: float = 1.0  # factor on the deviations from the mean, against the narrowness of small samples [-]
 
     def __post_init__(self) -> None:
-        if self.size < 4 or not 1 <= self.inflation <= 2:
-            raise ValueError(f"size must be at least 4 and inflation in [1, 2], not {self.size} and {self.inflation}")
+        super().__post_init__()
+        if self.size < 4:
+            raise ValueError(f"size must be at least 4, not {self.size}")
+        check_range(1, 2, inflation=self.inflation)
 
     def init(self, nominal: Nominal, rng: np.random.Generator) -> Ensemble:
         model = self.model.build(nominal)

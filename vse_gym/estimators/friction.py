@@ -29,7 +29,8 @@ class FrictionUnscentedKalmanFilter(UnscentedKalmanFilter):
     gate: Gate = field(default=Gate(0.999), kw_only=True)
 
     def __post_init__(self) -> None:
-        if not (0 <= self.noise < math.inf and 0 <= self.prior < math.inf and self.decay > 0):
+        super().__post_init__()
+        if not (self.noise < math.inf and 0 <= self.prior < math.inf and self.decay > 0):
             raise ValueError(
                 f"noise and prior must not be negative and decay positive, not {self.noise}, {self.prior} and "
                 f"{self.decay}"

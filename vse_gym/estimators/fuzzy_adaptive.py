@@ -12,7 +12,7 @@ from vse_gym.inference.gaussian import Extended
 from vse_gym.inference.gaussian.fuzzy_adaptive import FuzzyAdaptive
 from vse_gym.inference.least_squares import LeastSquares
 from vse_gym.models import ModelTuning, Nominal
-from vse_gym.models.three_dof import HEARD, ThreeDofTuning
+from vse_gym.models.three_dof import CAR_SENSORS, HEARD, ThreeDofTuning
 from vse_gym.models.tuning import check_channels, tunable
 from vse_gym.types import Array, Estimate
 
@@ -45,6 +45,13 @@ class ThreeDofExtendedKalmanFilter(ExtendedKalmanFilter):
 
 
 @dataclass(frozen=True)
+class CarThreeDofExtendedKalmanFilter(ThreeDofExtendedKalmanFilter):
+    """The same in a car with a gyro and wheel speeds, which it hears too; the paper's has an accelerometer alone."""
+
+    model: ModelTuning = CAR_SENSORS
+
+
+@dataclass(frozen=True)
 class FuzzyAdaptiveKalmanFilter(IdentifyingFilter):
     """Mass by recursive least squares, measurement variance by fuzzy rules: Wang, Wei, Zhao, Zhang, Yan (2017).
 
@@ -72,11 +79,18 @@ class FuzzyAdaptiveKalmanFilter(IdentifyingFilter):
         check_channels("adapted", self.adapted, HEARD)
         if not 0 < self.forgetting <= 1:
             raise ValueError(f"forgetting must lie in (0, 1], not {self.forgetting}")
-        if not 0 < self.mass_bounds[0] <= self.mass_start <= self.mass_bounds[1]:
-            raise ValueError(f"mass_start must lie within mass_bounds {self.mass_bounds}, not {self.mass_start}")
-        if not (self.window >= 1 and self.decades > 0 and self.change > 0 and self.mass_prior > 0):
-            numbers = f"{self.window}, {self.decades}, {self.change} and {self.mass_prior}"
-            raise ValueError(f"window must be at least 1, and decades, change and mass_prior positive, not {numbers}")
+        if not 0 < self.mass_bounds[0] <= self.mass_start <= self.mass_bounds[1] < np.inf:
+            raise ValueError(
+                f"mass_start must lie within mass_bounds, positive and finite, not {self.mass_start} and "
+                f"{self.mass_bounds}"
+            )
+        if not 1 <= self.window < np.inf:
+            raise ValueError(f"window must be finite and at least 1, not {self.window}")
+        if not 0 <= self.least_ay < np.inf:
+            raise ValueError(f"least_ay must be finite and not negative, not {self.least_ay}")
+        for name in ("decades", "change", "mass_prior"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be positive and finite, not {getattr(self, name)}")
 
     def start(self, nominal: Nominal) -> Start:
         model, mass = self.model.build(nominal), nominal.vehicle.mass
@@ -102,3 +116,10 @@ class FuzzyAdaptiveKalmanFilter(IdentifyingFilter):
 
     def found(self, parameters: list[float], std: list[float]) -> Mapping[str, float]:
         return {"mass": parameters[0], "mass_std": std[0]}
+
+
+@dataclass(frozen=True)
+class CarFuzzyAdaptiveKalmanFilter(FuzzyAdaptiveKalmanFilter):
+    """The same in a car with a gyro and wheel speeds, which it hears too; the paper's has an accelerometer alone."""
+
+    model: ThreeDofTuning = CAR_SENSORS

@@ -25,7 +25,7 @@ from vse_gym.inference.gaussian import (
     keep,
 )
 from vse_gym.models import DoubleTrackTuning, ModelTuning, Nominal, SingleTrackTuning
-from vse_gym.models.tuning import check_channels, tunable
+from vse_gym.models.tuning import Settings, check_channels, check_positive, tunable
 from vse_gym.noise import contamination
 from vse_gym.types import CHANNELS, Array, Estimate, Reading
 
@@ -70,7 +70,7 @@ _state: Callable[[tuple[Any, Array]], GaussianState] = partial(tuple.__new__, Ga
 
 
 @dataclass(frozen=True)
-class Gate:
+class Gate(Settings):
     """Which innovations are too large to be believed, channel by channel.
 
     Raises:
@@ -81,6 +81,7 @@ class Gate:
     patience: float = 0.15  # a channel refused for this long is believed, whatever it says [s]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not (0 < self.passing <= 1 and 0 <= self.patience < math.inf):
             raise ValueError(
                 f"passing must lie in (0, 1] and patience not be negative, not {self.passing} and {self.patience}"
@@ -175,11 +176,19 @@ class ToldExtendedKalmanFilter(ExtendedKalmanFilter):
 
 @dataclass(frozen=True)
 class UnscentedKalmanFilter(GaussianFilter):
-    """Sigma points instead of derivatives. Julier, Uhlmann (1997); van der Merwe, Wan (2001)."""
+    """Sigma points instead of derivatives. Julier, Uhlmann (1997); van der Merwe, Wan (2001).
+
+    Raises:
+        ValueError: If alpha is not positive.
+    """
 
     alpha: float = 1.0  # spread of the points [-]
     beta: float = 2.0  # 2 suits a Gaussian [-]
     kappa: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_positive(alpha=self.alpha)
 
     @property
     def rule(self) -> Unscented:
@@ -214,6 +223,7 @@ class CauchyGaussianKalmanFilter(GaussianFilter):
     heavy: tuple[str, ...] = ("ax", "ay", "yaw_rate", "roll_rate")  # channels with such noise; others are Gaussian
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         contamination(self.alpha)
         check_channels("heavy", self.heavy)
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from vse_gym.compiled import hold
 from vse_gym.estimators.base import Estimator
-from vse_gym.inference.gaussian import covariance, keep
+from vse_gym.estimators.gaussian import GaussianState
+from vse_gym.inference.gaussian import keep
 from vse_gym.inference.identification import identify_update
 from vse_gym.inference.least_squares import LeastSquares
 from vse_gym.models import Nominal
@@ -26,33 +27,16 @@ class Start(NamedTuple):
     parameter_cov: Array  # (p, p)
 
 
-class IdentifyingState(NamedTuple):
-    """A model, a belief over its state, and one over its parameters."""
+class IdentifyingState(GaussianState):
+    """A model, a belief over its state, and one over its parameters, which the model does not know."""
 
-    constants: Any  # rule, model and least squares, held by compiled code
-    belief: Array  # as of ``identify_update``
-
-    @property
-    def model(self) -> Any:
-        """What is believed of the car, but for the parameters that are being found."""
-        return self.constants.value[1]
-
-    @property
-    def mean(self) -> Array:
-        """Of the model's state, (n,)."""
-        return self.belief[: self.model.prior_mean.size]
+    __slots__ = ()  # constants: rule, model and least squares; belief: as of ``identify_update``
 
     @property
     def kept(self) -> Array:
         """What the rule carries in place of a covariance, (k, n)."""
         n, p = self.mean.size, self.parameters.size
         return self.belief[n : self.belief.size - 7 - p - p * p - self.model.memory.size].reshape(-1, n)
-
-    @property
-    def cov(self) -> Array:
-        """Of the model's state, (n, n)."""
-        cov: Array = covariance(self.constants.value[0], self.kept)
-        return cov
 
     @property
     def parameters(self) -> Array:
@@ -65,11 +49,6 @@ class IdentifyingState(NamedTuple):
         """Of the parameters, (p, p)."""
         p = self.constants.value[2].lower.size
         return self.belief[self.belief.size - 7 - p * p : self.belief.size - 7].reshape(p, p)
-
-    @property
-    def output(self) -> Array:
-        """vx, vy, yaw rate, ax, ay, NIS and its degrees of freedom, (7,)."""
-        return self.belief[self.belief.size - 7 :]
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ class LuenbergerObserver(Estimator):
     model: LinearBicycleTuning = field(default_factory=LinearBicycleTuning)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not (0 < self.vy_rate < math.inf and 0 < self.yaw_rate < math.inf):
             raise ValueError(f"rates must be positive and finite, not {self.vy_rate} and {self.yaw_rate}")
 

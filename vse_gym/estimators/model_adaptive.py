@@ -13,7 +13,7 @@ from vse_gym.inference.model_adaptive import ModelAdaptive, Swarm, adaptive_step
 from vse_gym.inference.particle import draw
 from vse_gym.inference.wavelet import DONOHO, PRINTED, noise_level
 from vse_gym.models import DataSheet, DoubleTrackTuning, ModelTuning, Nominal
-from vse_gym.models.tuning import check_channels, tunable
+from vse_gym.models.tuning import check_channels, check_range, tunable
 from vse_gym.noise import contamination
 from vse_gym.types import CHANNELS, Array, Estimate, Reading
 
@@ -79,13 +79,14 @@ class ModelAdaptiveParticleFilter(Estimator):
     resample_below: float = 0.5  # effective sample size over N [-]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         names = (("gain", GAINS), ("start", STARTS), ("constant", tuple(CONSTANTS)))
         for name, known in names:
             if getattr(self, name) not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, not {getattr(self, name)!r}")
-        if self.size < 2 or self.order < 1 or self.window < 2 * self.order:
-            sizes = f"{self.size}, {self.order} and {self.window}"
-            raise ValueError(f"size must be at least 2, order 1 and window twice the order, not {sizes}")
+        if self.size < 2 or self.window < 2 * self.order:
+            sizes = f"{self.size} and {self.window}"
+            raise ValueError(f"size must be at least 2 and window twice the order, not {sizes}")
         if self.window % 2:
             raise ValueError(f"window must be an even number of readings, not {self.window}")
         for name in ("coefficient", "noise_rate", "smoothing", "radius"):
@@ -96,6 +97,7 @@ class ModelAdaptiveParticleFilter(Estimator):
                 f"noise_gain and least_noise must not be negative, not {self.noise_gain} and {self.least_noise}"
             )
         contamination(self.alpha)
+        check_range(0, 1, resample_below=self.resample_below)
         check_channels("heavy", self.heavy)
 
     @property

@@ -24,7 +24,7 @@ class Window(NamedTuple):
     mean: Array  # of the state before the window's first reading, (n,)
     cov: Array  # (n, n)
     states: Array  # from that state on, (readings + 1, n)
-    inputs: Array  # (readings, 9)
+    inputs: Array  # as the model has heeded and recalled them, (readings, k)
     readings: Array  # (readings, 10)
     variances: Array  # of their noise; NaN: not used; (readings, 10)
     memory: Array  # of the model, (k,)
@@ -42,8 +42,7 @@ class MovingHorizonEstimator(Estimator):
     """The trajectory that fits the last readings best, outliers weighed down. Rao, Rawlings, Mayne (2003).
 
     Raises:
-        ValueError: If horizon or iterations are below 1, there is no such loss, the limit is not positive, or alpha
-            lies outside [1, 2].
+        ValueError: If there is no such loss, the limit is not positive, or alpha lies outside [1, 2].
     """
 
     model: ModelTuning = field(default_factory=SingleTrackTuning)
@@ -54,9 +53,8 @@ class MovingHorizonEstimator(Estimator):
     limit: float = 1.345  # where Huber's loss turns into a line [standard deviations]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         contamination(self.alpha)
-        if self.horizon < 1 or self.iterations < 1:
-            raise ValueError(f"horizon and iterations must be at least 1, not {self.horizon} and {self.iterations}")
         if self.loss not in LOSSES:
             raise ValueError(f"loss must be one of {', '.join(LOSSES)}, not {self.loss!r}")
         if not self.limit > 0:

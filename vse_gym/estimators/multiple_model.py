@@ -8,6 +8,7 @@ import numpy as np
 
 from vse_gym.compiled import hold
 from vse_gym.estimators.base import Estimator
+from vse_gym.estimators.gaussian import Gate
 from vse_gym.inference.gaussian import Extended, Unscented
 from vse_gym.inference.multiple_model import Interacting, moments, multiple_model_update
 from vse_gym.models import ModelTuning, Nominal, SingleTrackTuning
@@ -24,7 +25,7 @@ class Modes(NamedTuple):
     probabilities: Array  # (M,)
     means: Array  # (M, n)
     covs: Array  # (M, n, n)
-    memory: Array  # of the models, (k,)
+    memory: Array  # of the models and the gate, (k,)
     output: Array  # vx, vy, yaw rate, ax, ay, NIS and its degrees of freedom, (7,)
 
     @property
@@ -51,8 +52,10 @@ class InteractingMultipleModel(Estimator):
     shares: tuple[float, ...] = (0.9, 0.1)  # of each friction in the long run, and at the start; summing to one [-]
     switching: float = tunable(2.0, 0.02, 20.0)  # how often the road is drawn anew [1/s]
     rule: str = "extended"  # or "unscented"
+    gate: Gate = field(default=Gate(), kw_only=True)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not (self.frictions and all(0 < friction <= 2 for friction in self.frictions)):
             raise ValueError(f"frictions must lie in (0, 2], not {self.frictions}")
         if not (len(self.shares) == len(self.frictions) and min(self.shares) > 0 and abs(sum(self.shares) - 1) < 1e-9):
@@ -73,10 +76,11 @@ class InteractingMultipleModel(Estimator):
         return stays * np.eye(len(self.shares)) + (1 - stays) * np.array(self.shares)
 
     def init(self, nominal: Nominal, rng: np.random.Generator) -> Modes:
-        model: Any = self.model.build(nominal)
+        model: Any = self.gate.remembered(self.model.build(nominal))
         modes = len(self.frictions)
         models = tuple(model._replace(friction=float(friction)) for friction in self.frictions)
-        constants = hold((Interacting(RULES[self.rule], self.transition(nominal.dt)), models))
+        limits = self.gate.limit, self.gate.readings(nominal)
+        constants = hold((Interacting(RULES[self.rule], self.transition(nominal.dt), *limits), models))
         means, covs = np.tile(model.prior_mean, (modes, 1)), np.tile(model.prior_cov, (modes, 1, 1))
         output = np.array([*model.prior_mean[:3], 0.0, 0.0, np.nan, 0.0])
         return Modes(constants, np.array(self.shares, dtype=float), means, covs, model.memory, output)

@@ -9,7 +9,7 @@ import numpy as np
 from vse_gym.estimators.base import Estimator
 from vse_gym.inference.particle import bootstrap_step, draw
 from vse_gym.models import ModelTuning, Nominal, SingleTrackTuning
-from vse_gym.models.tuning import check_channels, tunable
+from vse_gym.models.tuning import check_channels, check_range, tunable
 from vse_gym.noise import contamination
 from vse_gym.types import CHANNELS, Array, Estimate, Reading
 
@@ -60,11 +60,13 @@ class BootstrapParticleFilter(Estimator):
     resample_below: float = 0.5  # effective sample size over N [-]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.likelihood not in ("gaussian", "cauchy_gaussian"):
             raise ValueError(f"likelihood must be 'gaussian' or 'cauchy_gaussian', not {self.likelihood!r}")
         contamination(self.alpha)
         if self.size < 2:
             raise ValueError(f"size must be at least 2, not {self.size}")
+        check_range(0, 1, resample_below=self.resample_below)
         check_channels("heavy", self.heavy)
 
     @property

@@ -15,7 +15,7 @@ from vse_gym.inference.particle import draw
 from vse_gym.inference.particle_proposal import proposal_step
 from vse_gym.models import ModelTuning, Nominal, RollTrackTuning
 from vse_gym.models.adaptation import SageHusaTuning
-from vse_gym.models.tuning import check_channels, tunable
+from vse_gym.models.tuning import check_channels, check_positive, check_range, tunable
 from vse_gym.noise import contamination
 from vse_gym.types import Array, Estimate, Reading
 
@@ -74,12 +74,12 @@ class SigmaParticleFilter(Estimator):
     resample_below: float = 0.5  # effective sample size over N [-]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         contamination(self.alpha)
-        if self.size < 2 or not 1 <= self.widening <= 2 or not 0 <= self.carried <= 1:
-            raise ValueError(
-                "size must be at least 2, widening lie in [1, 2] and carried in [0, 1], not "
-                f"{self.size}, {self.widening} and {self.carried}"
-            )
+        if self.size < 2:
+            raise ValueError(f"size must be at least 2, not {self.size}")
+        check_range(1, 2, widening=self.widening)
+        check_range(0, 1, carried=self.carried, resample_below=self.resample_below)
         check_channels("heavy", self.heavy)
 
     @property
@@ -141,11 +141,19 @@ class SigmaParticleFilter(Estimator):
 
 @dataclass(frozen=True)
 class UnscentedParticleFilter(SigmaParticleFilter):
-    """Every particle looks ahead by an unscented Kalman filter. Van der Merwe, Doucet, de Freitas, Wan (2000)."""
+    """Every particle looks ahead by an unscented Kalman filter. Van der Merwe, Doucet, de Freitas, Wan (2000).
+
+    Raises:
+        ValueError: If the spread is not positive.
+    """
 
     spread: float = 1.0  # alpha of the sigma points [-]
     beta: float = 2.0  # 2 suits a Gaussian [-]
     kappa: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_positive(spread=self.spread)
 
     @property
     def rule(self) -> Unscented:
@@ -158,10 +166,6 @@ class AdaptiveCubatureParticleFilter(SageHusaTuning, SigmaParticleFilter):
 
     Sage and Husa's estimate of that noise is one for all particles, fed by their weighted mean.
     """
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        SigmaParticleFilter.__post_init__(self)
 
     def memory(self, model: Any) -> Array:
         return self.taught(model)

@@ -13,6 +13,8 @@ from vse_gym.models.force_bicycle import ForceBicycleTuning
 from vse_gym.models.tuning import tunable
 from vse_gym.types import Array
 
+STATES = 3  # of the bicycle
+
 
 @dataclass(frozen=True)
 class StiffnessAdaptiveKalmanFilter(IdentifyingFilter):
@@ -36,12 +38,19 @@ class StiffnessAdaptiveKalmanFilter(IdentifyingFilter):
 
     def __post_init__(self) -> None:
         low, high = self.stiffness_bounds
-        if not 0 < low <= 1 <= high:
-            raise ValueError(f"stiffness_bounds must be positive and hold 1, the nominal, not {self.stiffness_bounds}")
-        if not (0 < self.forgetting <= 1 and self.stiffness_prior > 0):
+        if not 0 < low <= 1 <= high < np.inf:
+            raise ValueError(
+                f"stiffness_bounds must be positive, finite and hold 1, the nominal, not {self.stiffness_bounds}"
+            )
+        if not (0 < self.forgetting <= 1 and 0 < self.stiffness_prior < np.inf):
             raise ValueError(
                 f"forgetting must lie in (0, 1] and stiffness_prior be positive, not {self.forgetting} and "
                 f"{self.stiffness_prior}"
+            )
+        if not (0 < self.alpha < np.inf and 0 <= self.beta < np.inf and -STATES < self.kappa < np.inf):
+            raise ValueError(
+                f"alpha must be positive, beta not negative and kappa larger than {-STATES}, not {self.alpha}, "
+                f"{self.beta} and {self.kappa}"
             )
 
     def start(self, nominal: Nominal) -> Start:

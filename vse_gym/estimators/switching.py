@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vse_gym.compiled import compiled, hold
-from vse_gym.estimators.base import Estimator
+from vse_gym.estimators.bicycle import BicycleEstimator
 from vse_gym.inference.linear import Kalman, kalman_step, report_linear
 from vse_gym.inference.model import attend, heed
 from vse_gym.models import Nominal
@@ -19,7 +19,7 @@ from vse_gym.models.schemes import (
     kinematic_step,
     sense,
 )
-from vse_gym.types import CHANNELS, Array, Estimate, Reading
+from vse_gym.types import CHANNELS, Array, Reading
 
 # Where in a belief: vy and yaw rate, their covariance, the bicycle's memory with its ten counts of refusals, which
 # scheme, and the kinematic scheme's memory; then what is reported: vx, vy, yaw rate, ax, ay, NIS, degrees of freedom
@@ -40,6 +40,11 @@ class SwitchingState(NamedTuple):
 
     constants: Any  # a Switch, held by compiled code
     belief: Array
+
+    @property
+    def cov(self) -> Array:
+        """Of vy and yaw rate, (2, 2)."""
+        return self.belief[COV:WHEELS].reshape(2, 2)
 
     @property
     def kinematic(self) -> bool:
@@ -90,7 +95,7 @@ def switching_update(constants, belief, u, y):
 
 
 @dataclass(frozen=True)
-class SwitchingEstimator(SchemesTuning, Estimator):
+class SwitchingEstimator(SchemesTuning, BicycleEstimator):
     """A Kalman filter while the car turns gently, else the integral of ay - r vx. Chen, Wu, Ge, Zhao (2024).
 
     Automotive Engineering 46(2), doi:10.19562/j.chinasae.qcgc.2024.02.017. While the median-filtered |ay| is small, the
@@ -110,7 +115,7 @@ class SwitchingEstimator(SchemesTuning, Estimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (self.median >= 1 and self.median % 2 == 1):
+        if self.median % 2 == 0:
             raise ValueError(f"median must be odd, not {self.median}")
         if not 0 <= self.hysteresis <= self.threshold:
             raise ValueError(
@@ -137,13 +142,3 @@ class SwitchingEstimator(SchemesTuning, Estimator):
     def update(self, state: SwitchingState, reading: Reading, rng: np.random.Generator) -> SwitchingState:
         constants, belief = state
         return SwitchingState(constants, switching_update(constants, belief, reading.inputs, reading.y))
-
-    def estimate(self, state: SwitchingState) -> Estimate:
-        vx, vy, yaw_rate, ax, ay, _, _ = state.belief[-REPORTED:].tolist()
-        cov = np.full((3, 3), np.nan)
-        cov[1:, 1:] = state.belief[COV:WHEELS].reshape(2, 2)
-        return Estimate(vx, vy, yaw_rate, ax, ay, cov)
-
-    def innovation(self, state: SwitchingState) -> tuple[float, float]:
-        nis, dof = state.belief[-2:].tolist()
-        return nis, dof

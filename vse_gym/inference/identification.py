@@ -5,7 +5,7 @@ import numpy as np
 from vse_gym.compiled import compiled, generic
 from vse_gym.inference.gaussian.recursion import filter_step
 from vse_gym.inference.least_squares import least_squares_step
-from vse_gym.inference.model import heed, report
+from vse_gym.inference.model import heed, recall, report
 
 
 @generic
@@ -29,7 +29,9 @@ def identify_update(constants, belief, u, y):
     """Learn the parameters, then predict and correct with them: one update, for callers in Python.
 
     The parameters come from the belief *before* the reading: the one after it has been bent towards the reading by
-    the very parameters in question, and would confirm them.
+    the very parameters in question, and would confirm them. The reading is still used twice, since it corrects the
+    state with what it has just taught, and the state's covariance does not know that. Learning after the correction
+    would use it once, but with parameters a step older: where a short memory follows the tyres, that costs more.
 
     Args:
         constants: ``hold((rule, model, least squares))``.
@@ -44,7 +46,7 @@ def identify_update(constants, belief, u, y):
     rows = (b - n) // n
     out = np.empty(belief.size)
     mean, kept, memory = belief[:n], belief[n:b].reshape(rows, n), belief[b:q]
-    u = heed(model, u, y)
+    u = recall(model, memory, heed(model, u, y))
     regressors, targets, variances, heard, memory = regress(model, mean, memory, u, y)
     parameters, cov = least_squares_step(
         squares, belief[q : q + p], belief[q + p : c].reshape(p, p), regressors, targets, variances

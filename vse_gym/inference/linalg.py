@@ -69,6 +69,20 @@ def backward_solve(factor, b):
 
 
 @compiled
+def product(factor):
+    """L L^T (n, n) of a lower factor, (n, n) and whatever rows may stand below it."""
+    n = factor.shape[1]
+    out = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(j + 1):
+                total += factor[i, k] * factor[j, k]
+            out[i, j] = out[j, i] = total
+    return out
+
+
+@compiled
 def joseph_scalar(mean, cov, h, innovation, variance, gain, scratch):
     """Take one scalar measurement with row h (n,) into mean and cov, in place.
 

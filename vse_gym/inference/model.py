@@ -10,19 +10,7 @@ A model is a NamedTuple of its parameters with at least the fields
 States travel as columns, (n, N): one column for a mean, 2n + 1 for sigma points, hundreds for particles.
 """
 
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
 from vse_gym.compiled import generic
-
-
-class Gaussian(NamedTuple):
-    """A belief over a model's own state."""
-
-    mean: NDArray[np.float64]  # (n,)
-    cov: NDArray[np.float64]  # (n, n)
 
 
 @generic

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.autoregression import Autoregressions, AutoregressionTuning, adapt, coefficients_used
-from vse_gym.inference.model import advance, attend, heed, observe, report
+from vse_gym.inference.model import advance, attend, heed, observe, recall, remember, report
 from vse_gym.inference.particle import log_likelihood, systematic
 from vse_gym.inference.wavelet import NoiseLevel, listen
 
@@ -119,7 +119,7 @@ def adaptive_step(fixed, swarm, u, y, rng):
     model = fixed.model
     states, series, weights, memory, learnt, noise = swarm
     n, size = states.shape
-    u = heed(model, u, y)
+    u = recall(model, memory, heed(model, u, y))
     sigmas = np.empty(n)
     for i in range(n):
         sigmas[i] = math.sqrt(max(model.process_cov[i, i], fixed.noise_gain * learnt.variances[i]))
@@ -134,6 +134,7 @@ def adaptive_step(fixed, swarm, u, y, rng):
     weights, squares = weigh(weights, log_likelihood(observe(model, states, u), y, variances, fixed.shares))
     mean = weighted_means(states, weights)
     cov = doubt(states, mean, weights, squares, sigmas)
+    memory = remember(model, memory, mean, u)
     output = np.empty(6)
     output[:5] = report(model, mean, u)
     output[5] = 1 / squares

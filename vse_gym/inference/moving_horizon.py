@@ -15,7 +15,7 @@ import numpy as np
 from vse_gym.compiled import compiled, generic
 from vse_gym.inference.gaussian.extended import congruence, jacobian, stencil
 from vse_gym.inference.linalg import backward_solve, cholesky, forward_solve, joseph_scalar
-from vse_gym.inference.model import advance, attend, heed, observe, report
+from vse_gym.inference.model import advance, attend, heed, observe, recall, remember, report
 
 
 class MovingHorizon(NamedTuple):
@@ -149,8 +149,8 @@ def gauss_newton(rule, model, mean, cov, states, inputs, readings, variances):
 
 @compiled
 def appended(rows, row, begin):
-    """The rows from ``begin`` on, and one more."""
-    kept, width = rows.shape[0] - begin, rows.shape[1]
+    """The rows from ``begin`` on, and one more, which sets the width."""
+    kept, width = rows.shape[0] - begin, row.size
     out = np.empty((kept + 1, width))
     for j in range(width):
         for i in range(kept):
@@ -164,7 +164,8 @@ def moving_horizon_update(constants, mean, cov, states, inputs, readings, varian
     """Take one more reading into the window, and let go of the oldest if it is full.
 
     What is let go of goes on as the arrival cost: an extended Kalman step, linearised about the trajectory as it
-    stands. The model is asked once per reading which channels to believe.
+    stands. The model is asked once per reading which channels to believe. What lags behind the state follows the newest
+    one, and stays for the older readings as it was in their time.
 
     Args:
         constants: ``hold((rule, model))``.
@@ -177,7 +178,7 @@ def moving_horizon_update(constants, mean, cov, states, inputs, readings, varian
         output (7,): vx, vy, yaw rate, ax, ay, NIS, its degrees of freedom.
     """
     rule, model = constants.value
-    u = heed(model, u, y)
+    u = recall(model, memory, heed(model, u, y))
     noise, memory = attend(model, memory, u, y)
     begin = 0
     if inputs.shape[0] == rule.horizon:
@@ -194,6 +195,7 @@ def moving_horizon_update(constants, mean, cov, states, inputs, readings, varian
         states, newest_cov, output[5], output[6] = gauss_newton(
             rule, model, mean, cov, states, inputs, readings, variances
         )
+    memory = remember(model, memory, states[-1], u)
     reported = report(model, states[-1], u)
     for i in range(5):
         output[i] = reported[i]

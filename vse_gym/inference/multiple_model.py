@@ -11,19 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vse_gym.compiled import compiled
-from vse_gym.inference.gaussian import correct, covariance, keep, predict
+from vse_gym.inference.gaussian import correct, covariance, foresee, keep, predict
+from vse_gym.inference.gaussian.gate import refuse
 from vse_gym.inference.linalg import cholesky
-from vse_gym.inference.model import attend, heed, report
+from vse_gym.inference.model import attend, heed, recall, remember, report
 
 
 class Interacting(NamedTuple):
     """Mix the beliefs of M modes before every step, weigh them after it. Blom, Bar-Shalom (1988).
 
-    The rule must be one whose NIS is that of Gaussian noise.
+    The rule must be one whose NIS is that of Gaussian noise. The gate on each channel is one for all modes, for modes
+    that heard different channels could not be weighed; it judges by what all of them together expect. The models'
+    memory must be longer by one number per channel, as of :class:`Gated`.
     """
 
     rule: Any  # how a Gaussian passes through a function, one of inference.gaussian
     transition: NDArray[np.float64]  # row i: probabilities of the modes one step after mode i, (M, M)
+    limit: float = math.inf  # largest squared innovation over its variance that passes [-]
+    patience: float = 0.0  # a channel refused so often in a row is let through until it agrees again
 
 
 @compiled
@@ -100,6 +105,26 @@ def reweigh(probabilities, logs):
 
 
 @compiled
+def expect(filter, models, probabilities, means, kept, u):
+    """What all modes together expect to be read (m,), and the variance of their doubt (m,).
+
+    A mixture's, taken in one mode after the other: Welford (1962). ``kept`` holds what the rule carries of each.
+    """
+    expected, spread = foresee(filter.rule, models[0], means[0], kept[0], u)
+    weight = probabilities[0]
+    for j in range(1, probabilities.size):
+        model = models[j]
+        other, own = foresee(filter.rule, model, means[j], kept[j], u)
+        weight += probabilities[j]
+        share = probabilities[j] / weight if weight > 0.0 else 1.0
+        for i in range(expected.size):
+            apart = other[i] - expected[i]
+            expected[i] += share * apart
+            spread[i] += share * (own[i] - spread[i] + (1 - share) * apart * apart)
+    return expected, spread
+
+
+@compiled
 def log_determinant(cov):
     """Of a positive definite matrix (n, n)."""
     factor, total = np.empty(cov.shape), 0.0
@@ -111,7 +136,7 @@ def log_determinant(cov):
 
 @compiled
 def multiple_model_step(filter, models, probabilities, means, covs, memory, u, y):
-    """Mix, predict and correct each mode, weigh the modes; u as :func:`heed` gives it.
+    """Mix, predict and correct each mode, weigh the modes; u as :func:`recall` gives it.
 
     The likelihood of a reading needs the determinant of its covariance S. It follows from what each rule gives anyway:
     |S| = |R| |P-|/|P+|, with the same R for all modes. That is exact for a rule that linearises; with sigma points it
@@ -120,14 +145,30 @@ def multiple_model_step(filter, models, probabilities, means, covs, memory, u, y
     Returns:
         probabilities (M,), means (M, n), covs (M, n, n), memory, the modes' mean NIS and its degrees of freedom.
     """
+    modes, begin = probabilities.size, memory.size - y.size
     probabilities, means, covs = interact(filter.transition, probabilities, means, covs)
-    variances, memory = attend(models[0], memory, u, y)
-    logs, squares, dof = np.empty(probabilities.size), np.empty(probabilities.size), 0.0
-    for j in range(probabilities.size):
+    told, own = attend(models[0], memory[:begin], u, y)
+    variances, memory = told.copy(), memory.copy()
+    for i in range(begin):
+        memory[i] = own[i]
+    first = keep(filter.rule, covs[0])
+    carried = np.empty((modes, first.shape[0], first.shape[1]))
+    for j in range(modes):
         model = models[j]
         mean, kept = predict(filter.rule, model, means[j], keep(filter.rule, covs[j]), u)
-        before = covariance(filter.rule, kept)
-        mean, kept, squares[j], dof = correct(filter.rule, model, mean, kept, u, y, variances)
+        for i in range(mean.size):
+            means[j, i] = mean[i]
+        for i in range(kept.shape[0]):
+            for k in range(kept.shape[1]):
+                carried[j, i, k] = kept[i, k]
+    if filter.limit < math.inf:
+        expected, spread = expect(filter, models, probabilities, means, carried, u)
+        refuse(filter.limit, filter.patience, y, expected, spread, variances, memory[begin:])
+    logs, squares, dof = np.empty(modes), np.empty(modes), 0.0
+    for j in range(modes):
+        model = models[j]
+        before = covariance(filter.rule, carried[j])
+        mean, kept, squares[j], dof = correct(filter.rule, model, means[j], carried[j], u, y, variances)
         after = covariance(filter.rule, kept)
         logs[j] = 0.5 * (log_determinant(after) - log_determinant(before) - squares[j]) if dof > 0.0 else 0.0
         put(means[j], covs[j], mean, after)
@@ -144,15 +185,15 @@ def multiple_model_update(constants, probabilities, means, covs, memory, u, y):
 
     Args:
         constants: ``hold((filter, models))``.
-        probabilities, means, covs, memory: Of the modes, and of what they remember.
+        probabilities, means, covs, memory: Of the modes, and of what they remember; the last m count refusals.
         u, y: Inputs and reading.
 
     Returns:
         probabilities, means, covs, memory, output (7,): vx, vy, yaw rate, ax, ay, NIS, its degrees of freedom.
     """
     filter, models = constants.value
-    u = heed(models[0], u, y)
-    output = np.zeros(7)
+    u = recall(models[0], memory, heed(models[0], u, y))
+    output, mean = np.zeros(7), np.zeros(means.shape[1])
     probabilities, means, covs, memory, output[5], output[6] = multiple_model_step(
         filter, models, probabilities, means, covs, memory, u, y
     )
@@ -161,4 +202,7 @@ def multiple_model_update(constants, probabilities, means, covs, memory, u, y):
         reported = report(model, means[j], u)
         for i in range(5):
             output[i] += probabilities[j] * reported[i]
+        for i in range(mean.size):
+            mean[i] += probabilities[j] * means[j, i]
+    memory = remember(models[0], memory, mean, u)
     return probabilities, means, covs, memory, output

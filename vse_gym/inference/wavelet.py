@@ -18,7 +18,7 @@ class NoiseLevel(NamedTuple):
 
     variances: NDArray[np.float64]  # R, (m,)
     last: NDArray[np.float64]  # the reading before, NaN where silent, (m,)
-    details: NDArray[np.float64]  # |detail| of each of the last N readings and the one before it, a ring, (m, N)
+    details: NDArray[np.float64]  # |Haar detail| of each of the last N readings and the one before it, a ring, (m, N)
     time: float  # readings so far
 
 
@@ -32,21 +32,6 @@ def noise_level(variances: NDArray[np.float64], window: int) -> NoiseLevel:
         raise ValueError(f"the window must be an even number of readings, not {window}")
     silence = np.full((variances.size, window), np.nan)
     return NoiseLevel(variances, silence[:, 0].copy(), silence, 0.0)
-
-
-@compiled
-def haar(x):
-    """One level of the Haar wavelet transform: approximation and detail, (T/2,) each. Daubechies (1992).
-
-    The last sample of an odd number of them is taken twice.
-    """
-    pairs = (x.size + 1) // 2
-    approximation, detail = np.empty(pairs), np.empty(pairs)
-    for k in range(pairs):
-        first, second = x[2 * k], x[min(2 * k + 1, x.size - 1)]
-        approximation[k] = (first + second) * ROOT_HALF
-        detail[k] = (first - second) * ROOT_HALF
-    return approximation, detail
 
 
 @compiled

@@ -8,16 +8,16 @@ import numpy as np
 
 from vse_gym.inference.gaussian import Cubature, SageHusa, untaught
 from vse_gym.inference.gaussian.innovation_adaptive import InnovationAdaptive
-from vse_gym.models.tuning import check_channels, tunable
+from vse_gym.models.tuning import Settings, check_channels, tunable
 from vse_gym.types import CHANNELS, Array
 
 
 @dataclass(frozen=True)
-class Adaptation:
+class Adaptation(Settings):
     """Window matching of the innovations' variance, channel by channel, with a floor and a cap. Mehra (1972).
 
     Raises:
-        ValueError: If the window is empty, the floor above the cap, or there is no such channel.
+        ValueError: If floor and cap cannot be, or there is no such channel.
     """
 
     window: int = 30  # readings
@@ -26,9 +26,8 @@ class Adaptation:
     channels: tuple[str, ...] = ("ax", "ay", "yaw_rate")  # whose noise is adapted
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "channels", tuple(self.channels))
-        if self.window != int(self.window) or self.window < 1:
-            raise ValueError(f"window must be a whole number of readings, at least 1, not {self.window}")
         if not 0 < self.floor <= self.cap < math.inf:
             raise ValueError(f"floor and cap must be positive, finite and in order, not {self.floor} and {self.cap}")
         check_channels("channels", self.channels)
@@ -41,7 +40,7 @@ class Adaptation:
 
 
 @dataclass(frozen=True)
-class SageHusaTuning:
+class SageHusaTuning(Settings):
     """The cubature rule with Sage and Husa's estimate of the reading noise, for a filter or for every particle.
 
     Raises:
@@ -55,6 +54,7 @@ class SageHusaTuning:
     head_start: float = 50.0  # readings that count as having agreed with the model before the first [-]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 0 < self.forgetting < 1:
             raise ValueError(f"forgetting must lie in (0, 1), not {self.forgetting}")
         if not 0 < self.floor <= self.cap < math.inf:

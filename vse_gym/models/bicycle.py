@@ -12,7 +12,7 @@ from vse_gym.inference.model import attend, heed
 from vse_gym.models.channels import BRAKING
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.single_track import SLOWEST, SingleTrack, SingleTrackTuning, commanded
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import Settings, tunable
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.types import CHANNELS, U_BRAKE, U_DRIVE, U_STEER, Y_AX, Y_AY, Y_SIDESLIP, Y_WHEEL, Y_YAW_RATE, Array
 
@@ -32,7 +32,7 @@ class LinearBicycle(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LinearBicycleTuning:
+class LinearBicycleTuning(Settings):
     """How far the Kalman filter trusts the linear bicycle; defaults as of :class:`SingleTrackTuning`, not searched."""
 
     vy_noise: float = tunable(0.8, 0.03, 5.0)  # process noise density [m/s per sqrt(s)]

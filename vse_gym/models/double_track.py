@@ -11,7 +11,7 @@ from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.models.channels import BRAKING, attend_wheels, read_extras, read_motion
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.single_track import SLOWEST, SingleTrackTuning
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import Settings, tunable
 from vse_gym.physics.double_track import wheel_load, wheel_position
 from vse_gym.physics.parameters import GRAVITY, Vehicle
 from vse_gym.physics.tyres import tyre_force
@@ -46,7 +46,7 @@ class DoubleTrack(NamedTuple):
 
 
 @dataclass(frozen=True)
-class DoubleTrackTuning:
+class DoubleTrackTuning(Settings):
     """How far a filter trusts the double track: fields and defaults are those of :class:`SingleTrackTuning`.
 
     So what differs between the two models' rows is the model alone; the defaults were searched for the single track.

@@ -21,6 +21,11 @@ Y_FRONT, Y_REAR = 10, 11  # channels behind those of a reading: lateral force of
 # torques after one low-pass and after two.
 SMOOTHED = 5
 ROW, ONCE, TWICE = 5, 6, 6 + SMOOTHED
+POSITIVE = ("lag", "force_error", "vx_prior", "vy_prior", "yaw_prior", "most_slip")
+NOT_NEGATIVE = (
+    *("vx_noise", "vy_noise", "yaw_noise", "yaw_rate_error", "wheel_error", "slip", "brake_slip", "brake_hold"),
+    *("brake_margin", "least_slip", "least_steer", "least_speed"),
+)
 SETTLED = 5.0  # time constants after which a low-pass of two stages has forgotten where it began
 
 
@@ -52,9 +57,13 @@ class ForceBicycleTuning:
 
     The lateral forces are those of a force sensor where a reading brings them behind its channels; else they follow
     from m ay and Iz dr/dt, with dr/dt from the low-passed yaw rate.
+
+    Raises:
+        ValueError: If a number cannot be; the message names it.
     """
 
-    vx_noise: float = tunable(0.5, 0.03, 3.0)  # process noise density [m/s per sqrt(s)]
+    # Small, since lateral forces speak of the speed too, and wrongly where a tyre slides
+    vx_noise: float = tunable(0.2, 0.03, 3.0)  # process noise density [m/s per sqrt(s)]
     vy_noise: float = tunable(0.03, 0.001, 2.0)  # [m/s per sqrt(s)]
     yaw_noise: float = tunable(0.1, 0.003, 2.0)  # [rad/s per sqrt(s)]
     yaw_rate_error: float = tunable(0.0, 0.0, 0.1)  # added to the gyro's noise [rad/s]
@@ -65,7 +74,7 @@ class ForceBicycleTuning:
     slip: float = 0.005  # slip of a rolling wheel [-]
     brake_slip: float = 0.05  # slip of the fastest wheel while all brake [-]
     brake_hold: float = 0.1  # time for which a wheel is not believed after it braked [s]
-    brake_margin: float = 0.3  # by so much may the accelerometer miss what brake torques promise [m/s2]
+    brake_margin: float = 0.0  # by so much may the accelerometer miss what brake torques promise [m/s2]
     vx_prior: float = 1.0  # standard deviation at the start [m/s]
     vy_prior: float = 0.2  # [m/s]
     yaw_prior: float = 0.02  # [rad/s]
@@ -74,6 +83,16 @@ class ForceBicycleTuning:
     most_slip: float = tunable(0.15, 0.05, 0.5)  # and up to which: below 3 deg there is no slippery road [rad]
     least_steer: float = math.radians(0.1)  # nothing is learnt near zero steer: road-wheel angle [rad]
     least_speed: float = 8.0  # nor below this speed [m/s]
+
+    def __post_init__(self) -> None:
+        for name in POSITIVE:
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be positive and finite, not {getattr(self, name)}")
+        for name in NOT_NEGATIVE:
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be finite and not negative, not {getattr(self, name)}")
+        if not self.least_slip < self.most_slip:
+            raise ValueError(f"least_slip must be less than most_slip, {self.most_slip}, not {self.least_slip}")
 
     def build(self, nominal: Nominal) -> ForceBicycle:
         """The model of a nominal car with this trust."""
@@ -162,7 +181,7 @@ def _(model, states, u):
     for j in range(states.shape[1]):
         vx, vy, r = states[0, j], states[1, j], states[2, j]
         ax, ay, dr = _accelerations(model, c, u, vx, vy, r)
-        out[0, j] = vx + h * (ax + vy * r)
+        out[0, j] = max(0.0, vx + h * (ax + vy * r))
         out[1, j] = vy + h * (ay - vx * r)
         out[2, j] = r + h * dr
     return out

@@ -11,7 +11,7 @@ from vse_gym.inference.model import attend
 from vse_gym.inference.pretreatment import LowPass, low_pass, low_pass_step, reliable
 from vse_gym.models.bicycle import LinearBicycle, LinearBicycleTuning
 from vse_gym.models.nominal import Nominal
-from vse_gym.models.tuning import check_channels, tunable
+from vse_gym.models.tuning import Settings, check_channels, check_positive, tunable
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.types import U_STEER, Y_AY, Y_YAW_RATE, Array
 
@@ -35,7 +35,7 @@ class Treatment(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Pretreatment:
+class Pretreatment(Settings):
     """A second-order low-pass, then a test of reliability: Chen, Wu, Ge, Zhao (2024).
 
     Automotive Engineering 46(2), doi:10.19562/j.chinasae.qcgc.2024.02.017. The reference yaw rate is that of the steady
@@ -58,13 +58,13 @@ class Pretreatment:
     limited: bool = True  # whether the reference stays within the friction that is told
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "filtered", tuple(self.filtered))
         check_channels("filtered", self.filtered, FILTERED)
-        for name in ("corner", "damping", "yaw_rate_band", "ay_band"):
+        for name in ("yaw_rate_band", "ay_band"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
-        if not (self.corner < math.inf and self.damping < math.inf):
-            raise ValueError(f"corner and damping must be finite, not {self.corner} and {self.damping}")
+        check_positive(corner=self.corner, damping=self.damping)
         if not (0 <= self.patience < math.inf and 0 <= self.lag < math.inf):
             raise ValueError(f"patience and lag must be finite and not negative, not {self.patience} and {self.lag}")
 

@@ -11,7 +11,7 @@ from vse_gym.inference.pretreatment import running_median
 from vse_gym.models.bicycle import LinearBicycle, LinearBicycleTuning
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.pretreatment import MEMORY, Pretreatment, Treatment, treat
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import Settings, check_positive, tunable
 from vse_gym.types import Y_AY, Y_YAW_RATE, Array
 
 
@@ -25,7 +25,7 @@ class Schemes(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SchemesTuning:
+class SchemesTuning(Settings):
     """Settings of both schemes.
 
     Raises:
@@ -37,8 +37,8 @@ class SchemesTuning:
     stiffness: float = tunable(1.0, 0.3, 1.5)  # of the model's axles, over the data sheet's [-]
 
     def __post_init__(self) -> None:
-        if not self.stiffness > 0:
-            raise ValueError(f"stiffness must be positive, not {self.stiffness}")
+        super().__post_init__()
+        check_positive(stiffness=self.stiffness)
 
     def build(self, nominal: Nominal) -> Schemes:
         """Both schemes of a nominal car."""

@@ -10,7 +10,7 @@ from vse_gym.compiled import compiled
 from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.models.channels import BRAKING, attend_wheels, read_extras, read_motion
 from vse_gym.models.nominal import Nominal
-from vse_gym.models.tuning import tunable
+from vse_gym.models.tuning import Settings, tunable
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.physics.tyres import KNOT
 from vse_gym.types import (
@@ -59,7 +59,7 @@ class SingleTrack(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SingleTrackTuning:
+class SingleTrackTuning(Settings):
     """How far a filter trusts the single track: everything that is not on a data sheet.
 
     The defaults suit a Kalman filter. They come from a random search, made before `vse-gym tune` was, on an earlier
@@ -227,15 +227,21 @@ def _(model, states, u):
     return out
 
 
+@compiled
+def read_column(model, c, states, out, j):
+    """Fill column j of ``out`` with what the production car's sensors read of that column of states."""
+    vx, vy, r = states[0, j], states[1, j], states[2, j]
+    out[Y_AX, j], out[Y_AY, j], _ = accelerations(model, c, vx, vy, r)
+    read_motion(model, c.cos_steer, c.sin_steer, vx, vy, r, out, j)
+
+
 @observe.register(SingleTrack)
 @compiled
 def _(model, states, u):
     c = commanded(model, u)
     out = np.empty((10, states.shape[1]))
     for j in range(states.shape[1]):
-        vx, vy, r = states[0, j], states[1, j], states[2, j]
-        out[Y_AX, j], out[Y_AY, j], _ = accelerations(model, c, vx, vy, r)
-        read_motion(model, c.cos_steer, c.sin_steer, vx, vy, r, out, j)
+        read_column(model, c, states, out, j)
     read_extras(model.variances, states, out)
     return out
 

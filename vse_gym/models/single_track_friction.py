@@ -7,9 +7,9 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.model import advance, attend, heed, observe, report
-from vse_gym.models.channels import read_extras, read_motion
-from vse_gym.models.single_track import Commanded, SingleTrack, accelerations, commanded
-from vse_gym.types import CHANNELS, Y_AX, Y_AY, Array
+from vse_gym.models.channels import read_extras
+from vse_gym.models.single_track import Commanded, SingleTrack, accelerations, commanded, read_column
+from vse_gym.types import CHANNELS, Array
 
 LOWEST, HIGHEST = 0.05, 1.2  # a friction outside is taken as the nearer of them [-]
 
@@ -104,10 +104,7 @@ def _(model, states, u):
     c = commanded(car, u)
     out = np.empty((len(CHANNELS), states.shape[1]))
     for j in range(states.shape[1]):
-        vx, vy, r = states[0, j], states[1, j], states[2, j]
-        road = on_road(c, car.friction, states[3, j])
-        out[Y_AX, j], out[Y_AY, j], _ = accelerations(car, road, vx, vy, r)
-        read_motion(car, c.cos_steer, c.sin_steer, vx, vy, r, out, j)
+        read_column(car, on_road(c, car.friction, states[3, j]), states, out, j)
     read_extras(model.variances, states, out)
     return out
 

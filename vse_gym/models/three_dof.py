@@ -37,6 +37,11 @@ HEARD = {
     "speed": (Y_SPEED,),
     "sideslip": (Y_SIDESLIP,),
 }
+POSITIVE = ("ay_variance", "force_error")
+NOT_NEGATIVE = (
+    *("yaw_variance", "sideslip_variance", "vx_variance", "slip", "brake_slip", "brake_hold", "brake_margin"),
+    *("yaw_prior", "sideslip_prior", "vx_prior", "slowest_learning"),
+)
 MEASURED = ("yaw_rate", "sideslip")  # what the mass may take from a sensor instead of from the filter
 
 
@@ -67,14 +72,14 @@ class ThreeDofTuning:
     As published it hears ay alone, which leaves its speed to the integrated accelerometer.
 
     Raises:
-        ValueError: If it shall hear, or learn from, what there is not.
+        ValueError: If it shall hear, or learn from, what there is not, or a number cannot be; the message names it.
     """
 
     hears: tuple[str, ...] = ("ay",)  # published; also "yaw_rate", "wheel_speeds", "speed", "sideslip"
     yaw_variance: float = tunable(0.1, 1e-8, 1.0)  # published: of a step's process noise, with dt not given [rad2/s2]
     sideslip_variance: float = tunable(0.1, 1e-9, 1.0)  # published [rad2]
     vx_variance: float = tunable(0.1, 1e-6, 1.0)  # published [m2/s2]
-    ay_variance: float = tunable(0.001, 1e-4, 10.0)  # published, at the start [m2/s4]
+    ay_variance: float = tunable(0.001, 1e-4, 100.0)  # published, at the start [m2/s4]
     slip: float = 0.005  # slip of a rolling wheel [-]
     brake_slip: float = 0.05  # slip of the fastest wheel while all brake [-]
     brake_hold: float = 0.1  # time for which a wheel is not believed after it braked [s]
@@ -90,6 +95,12 @@ class ThreeDofTuning:
     def __post_init__(self) -> None:
         for name, known in (("hears", HEARD), ("mass_hears", MEASURED)):
             check_channels(name, getattr(self, name), known)
+        for name in POSITIVE:
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be positive and finite, not {getattr(self, name)}")
+        for name in NOT_NEGATIVE:
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be finite and not negative, not {getattr(self, name)}")
 
     def build(self, nominal: Nominal) -> ThreeDof:
         """The model of a nominal car with this trust."""

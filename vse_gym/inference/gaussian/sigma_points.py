@@ -116,14 +116,20 @@ def predict_with_points(rule, model, mean, cov, u):
     return new_mean, new_cov
 
 
-def foresee_with_points(rule, model, mean, cov, u):
-    """``foresee`` for rules that carry the covariance."""
-    factor = np.empty(cov.shape)
-    cholesky(cov, factor)
+@compiled
+def foresee_with_factor(rule, model, mean, factor, u):
+    """``foresee`` for rules that carry a lower factor of the covariance, (n, n) and what they may have below it."""
     points, first_mean, first_cov, other = spread_points(rule, mean, factor)
     values = observe(model, points, u)
     expected = weighted_mean(values, first_mean, other)
     return expected, point_variances(values, expected, first_cov, other)
+
+
+def foresee_with_points(rule, model, mean, cov, u):
+    """``foresee`` for rules that carry the covariance."""
+    factor = np.empty(cov.shape)
+    cholesky(cov, factor)
+    return foresee_with_factor(rule, model, mean, factor, u)
 
 
 @compiled

@@ -9,15 +9,15 @@ from vse_gym.compiled import compiled
 from vse_gym.inference.gaussian.recursion import believe, correct, covariance, every_channel, foresee, keep, predict
 from vse_gym.inference.gaussian.sigma_points import (
     channels_used,
+    foresee_with_factor,
     gain_step,
-    point_variances,
     rows_of,
     spread_points,
     weighted_cov,
     weighted_mean,
 )
 from vse_gym.inference.gaussian.unscented import unscented_points
-from vse_gym.inference.linalg import cholesky, rank_one, symmetrise, triangularise
+from vse_gym.inference.linalg import cholesky, product, rank_one, symmetrise, triangularise
 from vse_gym.inference.model import advance, observe
 
 
@@ -38,26 +38,13 @@ def failed_downdates(kept) -> int:
 
 
 @compiled
-def _product(factor, n):
-    """L L^T (n, n)."""
-    out = np.empty((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(j + 1):
-                total += factor[i, k] * factor[j, k]
-            out[i, j] = out[j, i] = total
-    return out
-
-
-@compiled
 def _change(factor, x, sign):
     """Factor of L L^T + sign x x^T in place, x is used up; says how often it had to be rebuilt, 0 or 1."""
     n = x.size
     before, by = factor.copy(), x.copy()
     if rank_one(factor, x, sign):
         return 0.0
-    cov = _product(before, n)
+    cov = product(before)
     for i in range(n):
         for j in range(n):
             cov[i, j] += sign * by[i] * by[j]
@@ -98,7 +85,7 @@ def _(rule, cov):
 @covariance.register(SquareRootUnscented)
 @compiled
 def _(rule, kept):
-    return _product(kept, kept.shape[1])
+    return product(kept)
 
 
 @predict.register(SquareRootUnscented)
@@ -117,15 +104,6 @@ def _(rule, model, mean, kept, u):
             new_kept[i, j] = factor[i, j]
     new_kept[n, 0] += failed
     return new_mean, new_kept
-
-
-@foresee.register(SquareRootUnscented)
-@compiled
-def _(rule, model, mean, kept, u):
-    points, first_mean, first_cov, other = spread_points(rule, mean, kept)
-    values = observe(model, points, u)
-    expected = weighted_mean(values, first_mean, other)
-    return expected, point_variances(values, expected, first_cov, other)
 
 
 @correct.register(SquareRootUnscented)
@@ -155,4 +133,5 @@ def _(rule, model, mean, kept, u, y, variances):
 
 
 spread_points.register(SquareRootUnscented)(unscented_points)
+foresee.register(SquareRootUnscented)(foresee_with_factor)
 believe.register(SquareRootUnscented)(every_channel)

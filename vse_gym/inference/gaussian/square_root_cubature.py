@@ -10,12 +10,12 @@ from vse_gym.inference.gaussian.cubature import cubature_points
 from vse_gym.inference.gaussian.recursion import believe, correct, covariance, every_channel, foresee, keep, predict
 from vse_gym.inference.gaussian.sigma_points import (
     channels_used,
-    point_variances,
+    foresee_with_factor,
     rows_of,
     spread_points,
     weighted_mean,
 )
-from vse_gym.inference.linalg import cholesky, forward_solve, triangularise
+from vse_gym.inference.linalg import cholesky, forward_solve, product, triangularise
 from vse_gym.inference.model import advance, observe
 
 
@@ -34,15 +34,7 @@ def _(rule, cov):
 @covariance.register(SquareRootCubature)
 @compiled
 def _(rule, kept):
-    n = kept.shape[0]
-    out = np.empty((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(j + 1):
-                total += kept[i, k] * kept[j, k]
-            out[i, j] = out[j, i] = total
-    return out
+    return product(kept)
 
 
 @predict.register(SquareRootCubature)
@@ -61,15 +53,6 @@ def _(rule, model, mean, kept, u):
         for j in range(n):
             rows[i, 2 * n + j] = noise[i, j]
     return new_mean, triangularise(rows)
-
-
-@foresee.register(SquareRootCubature)
-@compiled
-def _(rule, model, mean, kept, u):
-    points, first, _, other = spread_points(rule, mean, kept)
-    values = observe(model, points, u)
-    expected = weighted_mean(values, first, other)
-    return expected, point_variances(values, expected, first, other)
 
 
 @correct.register(SquareRootCubature)
@@ -104,4 +87,5 @@ def _(rule, model, mean, kept, u, y, variances):
 
 
 spread_points.register(SquareRootCubature)(cubature_points)
+foresee.register(SquareRootCubature)(foresee_with_factor)
 believe.register(SquareRootCubature)(every_channel)

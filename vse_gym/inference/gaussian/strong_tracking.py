@@ -28,6 +28,9 @@ class StrongTracking(NamedTuple):
     mean of v v^T, V <- (rho V + v v^T)/(1 + rho), of which a trace asks for the diagonal alone. With alike a_i there is
     one factor for all states.
 
+    Not in the paper: a state fades no further than to ``largest`` times its variance at the start. What no heard
+    channel tells of would fade at every reading anew, and then be made to explain what others have caused.
+
     Carries the covariance (n, n); below it a row of the last factors, and V from there on, -1 where nothing was heard.
     """
 
@@ -36,6 +39,7 @@ class StrongTracking(NamedTuple):
     shares: NDArray[np.float64]  # a_i: which states change rather than others, (n,)
     watched: NDArray[np.float64]  # 1: innovations of this channel tell a change, 0: they do not, (m,)
     whitened: float  # 1: each channel in units of its own noise; 0: as printed, a sum of different units
+    largest: float = math.inf  # variance that fading gives a state at most, over its prior's; inf: as printed
     extended: Extended = Extended()
 
 
@@ -72,12 +76,13 @@ def _with_covariance(kept, cov):
 
 
 @compiled
-def fade(rule, kept, process_cov, rows, innovations, variances):
+def fade(rule, kept, prior_cov, process_cov, rows, innovations, variances):
     """``kept`` with its covariance faded and the innovations counted in; a channel with variance NaN is left out.
 
     Args:
         rule: The tunings.
         kept: With the predicted covariance.
+        prior_cov: Of the state at the start, (n, n).
         process_cov: Q (n, n), which does not fade.
         rows: H (m, n).
         innovations: v (m,).
@@ -111,6 +116,9 @@ def fade(rule, kept, process_cov, rows, innovations, variances):
     for i in range(n):
         fades = excess > 0.0 and total > 0.0
         out[n, i] = max(1.0, rule.shares[i] * excess / total) if fades else 1.0
+        limit = rule.largest * prior_cov[i, i]
+        if out[n, i] * held[i, i] > limit:
+            out[n, i] = max(1.0, limit / held[i, i])
     for i in range(n):
         for j in range(n):
             out[i, j] += (math.sqrt(out[n, i] * out[n, j]) - 1) * held[i, j]
@@ -136,7 +144,7 @@ def _(rule, model, mean, kept, u, y, variances):
     columns = stencil(mean, rule.extended.step)
     values = observe(model, columns, u)
     rows = jacobian(columns, values)
-    faded = fade(rule, kept, model.process_cov, rows, y - values[:, 0], variances)
+    faded = fade(rule, kept, model.prior_cov, model.process_cov, rows, y - values[:, 0], variances)
     mean, cov, nis, dof = correct(rule.extended, model, mean, faded[: mean.size], u, y, variances)
     return mean, _with_covariance(faded, cov), nis, dof
 
