@@ -44,6 +44,11 @@ def test_the_stiffness_of_an_axle_with_linear_tyres_is_that_of_its_two_tyres():
         np.testing.assert_allclose(true[known], sheet_value(NOMINAL, name), rtol=2e-3)
 
 
+def test_a_crooked_steering_does_not_change_the_stiffness_of_linear_tyres():
+    true = true_value(drive(LINEAR._replace(steering_offset=0.01), amplitude=math.radians(30)), "stiffness_front")
+    np.testing.assert_allclose(true[~np.isnan(true)], sheet_value(NOMINAL, "stiffness_front"), rtol=2e-3)
+
+
 def test_a_softening_tyre_has_less_stiffness_than_on_its_sheet_and_less_still_on_ice():
     dry, wet = (true_value(drive(friction=mu, amplitude=math.radians(30)), "stiffness_front") for mu in (0.9, 0.4))
     sheet = sheet_value(NOMINAL, "stiffness_front")

@@ -44,7 +44,7 @@ def true_value(log: Log, name: str, tyres_known: bool = True) -> Array:
         return np.full(len(log.time), np.nan)
     if name == "mass":
         return np.full(len(log.time), car.mass)
-    both = axle_stiffness(car, log.truth, log.steer + car.steering_offset, log.friction, SMALLEST)
+    both = axle_stiffness(car, log.truth, log.steer, log.friction, SMALLEST)
     moving = np.hypot(log.truth[:, p.VX], log.truth[:, p.VY]) > SLOW
     return np.where(moving, both[:, 0 if name == "stiffness_front" else 1], np.nan)
 
