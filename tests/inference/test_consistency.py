@@ -20,7 +20,7 @@ TRUST = {"vx_noise": 0.5, "vy_noise": 0.6, "yaw_noise": 0.5, "ax_error": 0.3, "a
 TUNINGS = {"single": SingleTrackTuning(**TRUST), "double": DoubleTrackTuning(**TRUST)}
 # Whose model is another than those that the drives are drawn from, who hears otherwise, and who takes what fits its
 # readings for the noise: each has tests of its own.
-ELSEWHERE = ("ekf_cauchy_gaussian", "ekf_3dof", "ukf_friction", "iae_ekf")
+ELSEWHERE = ("ekf_cauchy_gaussian", "ekf_3dof", "ekf_3dof_car", "ukf_friction", "iae_ekf")
 FILTERS = [
     # Fading only ever adds doubt, so a strong tracking filter is honest where nothing fades.
     (name, "double" if "double" in name else "single", {"weakening": 1e6} if name == "strong_tracking" else {})
