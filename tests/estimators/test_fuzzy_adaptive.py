@@ -227,5 +227,5 @@ def test_the_settings_for_a_car_lie_where_a_search_would_look(name):
 
 @pytest.mark.parametrize("name", ["ay_variance", "force_error", "vx_variance", "slowest_learning"])
 def test_a_negative_number_is_refused_by_name(name):
-    with pytest.raises(ValueError, match=f"{name} must be .*, not -1"):
+    with pytest.raises(ValueError, match=f"{name} must .*, not -1"):
         ThreeDofTuning(**{name: -1.0})

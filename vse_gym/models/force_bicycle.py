@@ -85,6 +85,7 @@ class ForceBicycleTuning(Settings):
     least_speed: float = 8.0  # nor below this speed [m/s]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in POSITIVE:
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be positive and finite, not {getattr(self, name)}")

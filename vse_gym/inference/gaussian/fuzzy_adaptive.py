@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vse_gym.compiled import compiled
 from vse_gym.inference.fuzzy import fuzzy_factor
 from vse_gym.inference.gaussian.recursion import believe, foresee
-from vse_gym.inference.gaussian.wrapped import ask_inner, leave_to_inner
+from vse_gym.inference.gaussian.wrapped import leave_to_inner, to_edit
 
 
 class FuzzyAdaptive(NamedTuple):
@@ -55,7 +55,8 @@ def channel_factor(rule, innovation, spread, variance, actual, last):
 @compiled
 def _(fuzzy, model, mean, kept, memory, u, y):
     begin = memory.size - 2 * y.size
-    variances, after = ask_inner(fuzzy, model, mean, kept, memory, begin, u, y)
+    told, own = believe(fuzzy.rule, model, mean, kept, memory[:begin], u, y)
+    variances, after = to_edit(told, own, memory)
     expected, spread = foresee(fuzzy.rule, model, mean, kept, u)
     for i in range(y.size):
         if fuzzy.adapted[i] > 0.0 and not math.isnan(variances[i]):

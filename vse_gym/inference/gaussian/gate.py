@@ -7,7 +7,7 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.inference.gaussian.recursion import believe, foresee, learn
-from vse_gym.inference.gaussian.wrapped import ask_inner, leave_to_inner
+from vse_gym.inference.gaussian.wrapped import leave_to_inner, to_edit
 
 
 class Gated(NamedTuple):
@@ -46,7 +46,8 @@ def refuse(limit, patience, y, expected, spread, variances, refused):
 @compiled
 def _(gated, model, mean, kept, memory, u, y):
     begin = memory.size - y.size
-    variances, after = ask_inner(gated, model, mean, kept, memory, begin, u, y)
+    told, own = believe(gated.rule, model, mean, kept, memory[:begin], u, y)
+    variances, after = to_edit(told, own, memory)
     expected, spread = foresee(gated.rule, model, mean, kept, u)
     refuse(gated.limit, gated.patience, y, expected, spread, variances, after[begin:])
     return variances, after

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vse_gym.compiled import compiled
 from vse_gym.inference.gaussian.gate import refuse
 from vse_gym.inference.gaussian.recursion import believe, foresee
-from vse_gym.inference.gaussian.wrapped import ask_inner, leave_to_inner
+from vse_gym.inference.gaussian.wrapped import leave_to_inner, to_edit
 
 
 class InnovationAdaptive(NamedTuple):
@@ -56,7 +56,8 @@ def _factor(rule, count, ratios, i):
 def _(rule, model, mean, kept, memory, u, y):
     m, length = y.size, rule.window
     begin = memory.size - m * (length + 2)
-    told, after = ask_inner(rule, model, mean, kept, memory, begin, u, y)
+    told, own = believe(rule.rule, model, mean, kept, memory[:begin], u, y)
+    told, after = to_edit(told, own, memory)
     variances = np.empty(m)
     counts = after[begin : begin + m]
     windows = after[begin + m : begin + m * (length + 1)].reshape(m, length)

@@ -9,7 +9,7 @@ from vse_gym.compiled import compiled, generic
 from vse_gym.inference.gaussian.cubature import Cubature
 from vse_gym.inference.gaussian.recursion import believe, foresee, learn
 from vse_gym.inference.gaussian.sigma_points import spread_points
-from vse_gym.inference.gaussian.wrapped import ask_inner, leave_to_inner
+from vse_gym.inference.gaussian.wrapped import leave_to_inner, to_edit
 
 
 class SageHusa(NamedTuple):
@@ -47,7 +47,8 @@ def _inner_points(adaptive, mean, factor):
 @compiled
 def _(adaptive, model, mean, kept, memory, u, y):
     begin = memory.size - 2 * y.size
-    variances, after = ask_inner(adaptive, model, mean, kept, memory, begin, u, y)
+    told, own = believe(adaptive.rule, model, mean, kept, memory[:begin], u, y)
+    variances, after = to_edit(told, own, memory)
     for i in range(y.size):
         variances[i] *= memory[begin + i]
     return variances, after

@@ -1,17 +1,19 @@
 """For rules that stand around another one: what they leave to it."""
 
 from vse_gym.compiled import compiled
-from vse_gym.inference.gaussian.recursion import believe, correct, covariance, foresee, keep, predict
+from vse_gym.inference.gaussian.recursion import correct, covariance, foresee, keep, predict
 
 
 @compiled
-def ask_inner(outer, model, mean, kept, memory, begin, u, y):
-    """As ``believe`` of the rule inside, whose part of the memory ends at ``begin``: what comes back may be edited."""
-    told, own = believe(outer.rule, model, mean, kept, memory[:begin], u, y)
-    variances, after = told.copy(), memory.copy()
-    for i in range(begin):
+def to_edit(told, own, memory):
+    """What ``believe`` of the rule inside gave, to be edited: variances (m,), and the memory with its part renewed.
+
+    It is asked by the rule outside itself: numba takes a function that would ask for rules within rules for a recursion.
+    """
+    after = memory.copy()
+    for i in range(own.size):
         after[i] = own[i]
-    return variances, after
+    return told.copy(), after
 
 
 def _keep(outer, cov):
