@@ -8,7 +8,7 @@ from vse_gym.inference.gaussian.recursion import correct, covariance, foresee, k
 def to_edit(told, own, memory):
     """What ``believe`` of the rule inside gave, to be edited: variances (m,), and the memory with its part renewed.
 
-    It is asked by the rule outside itself: numba takes a function that would ask for rules within rules for a recursion.
+    The rule outside asks it itself: numba takes a function that asked for rules within rules for a recursion.
     """
     after = memory.copy()
     for i in range(own.size):
