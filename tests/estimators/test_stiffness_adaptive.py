@@ -165,8 +165,8 @@ def test_what_cannot_be_is_refused(settings, told):
     [
         ({"lag": 0.0}, "lag must be positive and finite, not 0.0"),
         ({"force_error": 0.0}, "force_error must be positive"),
-        ({"vx_noise": -0.1}, "vx_noise must be finite and not negative, not -0.1"),
-        ({"least_speed": np.nan}, "least_speed must be finite"),
+        ({"vx_noise": -0.1}, "vx_noise must not be negative, not -0.1"),
+        ({"least_speed": np.nan}, "least_speed must be a number, not nan"),
         ({"least_slip": 0.2}, "least_slip must be less than most_slip, 0.15, not 0.2"),
     ],
 )

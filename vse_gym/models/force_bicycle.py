@@ -12,7 +12,7 @@ from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.models.channels import attend_wheels, read_motion
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.single_track import SingleTrack, SingleTrackTuning, commanded, slowest_linear
-from vse_gym.models.tuning import Settings, tunable
+from vse_gym.models.tuning import Settings, check_not_negative, check_positive, tunable
 from vse_gym.types import U_STEER, Y_AX, Y_AY, Y_SIDESLIP, Y_SPEED, Y_YAW_RATE, Array
 
 U_FRONT, U_REAR = 9, 10  # what ``heed`` puts behind the inputs of a reading: the axles' cornering stiffnesses [N/rad]
@@ -86,12 +86,8 @@ class ForceBicycleTuning(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in POSITIVE:
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be positive and finite, not {getattr(self, name)}")
-        for name in NOT_NEGATIVE:
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be finite and not negative, not {getattr(self, name)}")
+        check_positive(**{name: getattr(self, name) for name in POSITIVE})
+        check_not_negative(**{name: getattr(self, name) for name in NOT_NEGATIVE})
         if not self.least_slip < self.most_slip:
             raise ValueError(f"least_slip must be less than most_slip, {self.most_slip}, not {self.least_slip}")
 

@@ -12,7 +12,7 @@ from vse_gym.inference.model import advance, attend, heed, observe, report
 from vse_gym.models.channels import BRAKING, attend_wheels, read_extras, read_motion
 from vse_gym.models.nominal import Nominal
 from vse_gym.models.single_track import SingleTrack, SingleTrackTuning, commanded, slowest_linear
-from vse_gym.models.tuning import Settings, check_channels, tunable
+from vse_gym.models.tuning import Settings, check_channels, check_not_negative, check_positive, tunable
 from vse_gym.physics.parameters import GRAVITY
 from vse_gym.types import (
     CHANNELS,
@@ -96,12 +96,8 @@ class ThreeDofTuning(Settings):
         super().__post_init__()
         for name, known in (("hears", HEARD), ("mass_hears", MEASURED)):
             check_channels(name, getattr(self, name), known)
-        for name in POSITIVE:
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be positive and finite, not {getattr(self, name)}")
-        for name in NOT_NEGATIVE:
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be finite and not negative, not {getattr(self, name)}")
+        check_positive(**{name: getattr(self, name) for name in POSITIVE})
+        check_not_negative(**{name: getattr(self, name) for name in NOT_NEGATIVE})
 
     def build(self, nominal: Nominal) -> ThreeDof:
         """The model of a nominal car with this trust."""

@@ -80,6 +80,17 @@ def check_positive(**settings: float) -> None:
             raise ValueError(f"{name} must be positive and finite, not {value}")
 
 
+def check_not_negative(**settings: float) -> None:
+    """Refuse settings that are negative or not finite.
+
+    Raises:
+        ValueError: If one is.
+    """
+    for name, value in settings.items():
+        if not 0 <= value < math.inf:
+            raise ValueError(f"{name} must be finite and not negative, not {value}")
+
+
 def check_range(low: float, high: float, **settings: float) -> None:
     """Refuse settings outside a range, both ends of which are allowed.
 
