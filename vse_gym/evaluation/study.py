@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vse_gym.evaluation.cells import Cell, Randomise
+from vse_gym.evaluation.cells import Cell
 from vse_gym.evaluation.contenders import digest
 from vse_gym.evaluation.provenance import shipped
-from vse_gym.evaluation.schema import check, kinds_of, needed_of
+from vse_gym.randomise import Randomise
 from vse_gym.registry import UnknownNameError
+from vse_gym.schema import check, kinds_of, needed_of
 from vse_gym.vehicles import load
 
 
