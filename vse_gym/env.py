@@ -1,7 +1,7 @@
 """The Gymnasium face of the closed loop."""
 
 import math
-from operator import truediv
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -10,24 +10,25 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from vse_gym.catalogue import CONTROLLERS
+from vse_gym.compiled import hold
 from vse_gym.controllers.allocation import agent_demand, as_torques
 from vse_gym.controllers.base import Controller, NoControl
 from vse_gym.controllers.esc import StabilityControl
 from vse_gym.controllers.observation import Encoder
-from vse_gym.controllers.reference import follow_reference
+from vse_gym.episodes import episodes
 from vse_gym.estimators.base import Estimator
 from vse_gym.listener import true_estimate
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
+from vse_gym.randomise import Randomise
+from vse_gym.reward import INTERVENTION, MOVING, PEAK, SQUARES, Worth, step_reward, tally
 from vse_gym.sensors import Sensors
-from vse_gym.simulation import Frame, Simulation, scenario
-from vse_gym.types import NO_BRAKE, SLOW, WHEELS, Y_AY, Array, BrakeDemand, Estimate
+from vse_gym.simulation import Frame, Scenario, Simulation
+from vse_gym.types import NO_BRAKE, Array, BrakeDemand, Estimate
 
 ACTIONS = {"brakes": 4, "yaw_moment": 1}
-# The reward's weights, and the size of each error at which its term is full
-SIDESLIP, YAW_RATE, BRAKE, SPEED = 0.3, 0.2, 0.1, 0.4
-FULL_SIDESLIP, FULL_YAW_RATE = math.radians(10), math.radians(20)
+AS_WRITTEN = Randomise()
 
 
 class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -57,15 +58,16 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
 
     Args:
         manoeuvre: A name from the catalogue or an instance.
-        estimator: The same.
+        estimator: The same, or several: one is drawn at every reset.
         vehicle: A name, a TOML file's path or a Vehicle: the true car.
-        sensors: A suite's name, with extra sensors after a plus ("loud+optical"), or Sensors.
+        sensors: A suite's name, with extra sensors after a plus ("loud+optical"), or Sensors; or several, as above.
         friction: Of the road at the start; None: the manoeuvre's own.
         observation: "estimate", "truth" or "reading".
         action: "brakes" or "yaw_moment".
         controller: Works underneath the agent.
         nominal: What estimator and controller are told; None: this very car, friction 0.9.
         plant: "double_track", or "commonroad_mb", an independent truth for one of CommonRoad's cars.
+        randomise: What is drawn about the scenario at every reset; nothing of it is told to estimator or controller.
         settings: Of the manoeuvre, in SI units: speed, amplitude, ...
 
     Raises:
@@ -77,15 +79,16 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
     def __init__(
         self,
         manoeuvre: str | Manoeuvre = "sine_with_dwell",
-        estimator: str | Estimator = "ekf",
+        estimator: str | Estimator | Sequence[str | Estimator] = "ekf",
         vehicle: str | p.Vehicle = "qin2014_understeer",
-        sensors: str | Sensors = "gaussian",
+        sensors: str | Sensors | Sequence[str | Sensors] = "gaussian",
         friction: float | None = None,
         observation: str = "estimate",
         action: str = "brakes",
         controller: str | Controller = "none",
         nominal: Nominal | None = None,
         plant: str = "double_track",
+        randomise: Randomise = AS_WRITTEN,
         render_mode: None = None,
         **settings: Any,
     ):
@@ -97,27 +100,30 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
             settings["friction"] = float(friction)
         self.render_mode = render_mode
         self.encoder = Encoder(observation)
-        self.scenario = scenario(manoeuvre, vehicle, sensors, nominal, plant, **settings)
-        self.simulation = Simulation(self.scenario, estimator)
+        self.episodes = episodes(manoeuvre, estimator, vehicle, sensors, nominal, plant, randomise, **settings)
+        self.scenario: Scenario = self.episodes.written[0]
         self.controller: Controller = CONTROLLERS.make(controller)
         self._alone = isinstance(self.controller, NoControl)
         self.action_kind = action
         self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS[action],), np.float32)
         self.observation_space = spaces.Box(self.encoder.low, self.encoder.high, dtype=np.float32)
-        told = self.scenario.nominal
-        self._reference = StabilityControl().reference(told)
-        self._caps = told.vehicle.brake_caps.tolist()
-        self._geometry = told.vehicle.geometry
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start a drive; with a seed it meets the same noise as ``rollout`` with that seed."""
         super().reset(seed=seed)
-        frame = self.simulation.reset(int(self.np_random.integers(2**62)) if seed is None else seed)
-        self._law_state = self.controller.init(self.scenario.nominal)
-        self._seen_reference, self._true_reference = (0.0, 0.0), (0.0, 0.0)
-        self._metrics = _Metrics(self.scenario.dt, frame)
+        drive = int(self.np_random.integers(2**62)) if seed is None else seed
+        self.scenario, estimator = self.episodes.draw(drive)
+        self.simulation = Simulation(self.scenario, estimator)
+        frame = self.simulation.reset(drive)
+        told = self.scenario.nominal
+        self._law_state = self.controller.init(told)
+        self._view = self.encoder.view(told)
+        self._seen = self._wanted = np.zeros(2)  # memories of the two reference yaw rates
+        self._worth = worth(self.scenario)
+        self._geometry = told.vehicle.geometry
+        self._totals = np.zeros(4)
         return self._observe(frame), self._info(frame)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
@@ -130,9 +136,10 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         demand = self._demand(self._checked(action))
         simulation = self.simulation
         frame = simulation.step(demand)
-        self._metrics.add(frame, demand)
+        state, added = frame.truth.state, demand.added
+        self._totals = tally(self._worth, self._totals, state, _motion(frame.estimate), added, demand.release)
+        reward, self._wanted = step_reward(self._worth, self._wanted, state, simulation.steer, added)
         observation = self._observe(frame)
-        reward = self._reward(frame, demand)
         terminated = bool(simulation.ended)
         if terminated:
             reward -= self.scenario.steps - simulation.k
@@ -157,30 +164,16 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         return BrakeDemand(*agent_demand(self._geometry, base.added, base.release, action, by_moment, *seen))
 
     def _observe(self, frame: Frame) -> NDArray[np.float32]:
-        seen, steer, heard = _finite(frame.estimate), frame.reading.steer, self.simulation.heard
+        seen, steer = frame.estimate, frame.reading.steer
         if self.encoder.layout == "truth":
-            seen, steer = _finite(true_estimate(frame.truth.state)), self.simulation.steer
-        elif self.encoder.layout == "reading":  # the reference too must come from readings alone
-            seen = Estimate(self._geometry.wheel_radius * float(heard[WHEELS].mean()), ay=float(heard[Y_AY]))
-        self._seen_reference = follow_reference(self._reference, *self._seen_reference, seen.vx, seen.ay, steer)
-        return self.encoder.encode(seen, steer, frame.reading, heard, self._seen_reference[0])
-
-    def _reward(self, frame: Frame, demand: BrakeDemand) -> float:
-        _, _, _, vx, vy, yaw_rate, *_ = state = frame.truth.state.tolist()
-        steer = self.simulation.steer
-        self._true_reference = follow_reference(self._reference, *self._true_reference, vx, state[p.AY], steer)
-        start = self.scenario.manoeuvre.speed
-        cost = (
-            SIDESLIP * min(1.0, abs(math.atan2(vy, max(vx, 1.0))) / FULL_SIDESLIP)
-            + YAW_RATE * min(1.0, abs(yaw_rate - self._true_reference[0]) / FULL_YAW_RATE)
-            + BRAKE * sum(map(truediv, demand.added.tolist(), self._caps)) / 4
-            + SPEED * min(1.0, max(0.0, 1 - math.hypot(vx, vy) / start))
-        )
-        return 1 - 2 * cost if math.isfinite(cost) else -1.0
+            seen, steer = true_estimate(frame.truth.state), self.simulation.steer
+        heard = self.simulation.heard
+        observation, self._seen = self.encoder.encode(self._view, self._seen, seen, steer, frame.reading, heard)
+        return observation
 
     def _info(self, frame: Frame) -> dict[str, Any]:
         x, y, yaw, vx, vy, yaw_rate, *_ = state = frame.truth.state.tolist()
-        estimate = frame.estimate
+        estimate, totals = frame.estimate, self._totals
         sideslip, guess, spread = frame.truth.sideslip, estimate.sideslip, estimate.cov.diagonal()
         return {
             "truth": {
@@ -215,44 +208,27 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
                 "yaw_rate": estimate.yaw_rate - yaw_rate,
                 "sideslip": math.remainder(guess - sideslip, 2 * math.pi) if math.isfinite(guess) else math.nan,
             },
-            "metrics": self._metrics.now(frame),
+            "metrics": {
+                "peak_sideslip": float(totals[PEAK]),
+                "sideslip_rmse": math.sqrt(totals[SQUARES] / max(1.0, totals[MOVING])),
+                "brake_energy": state[p.BRAKE_WORK],
+                "speed_lost": self.scenario.manoeuvre.speed - math.hypot(vx, vy),
+                "intervention_time": float(totals[INTERVENTION]),
+            },
             "ended": self.simulation.ended,
         }
 
 
-def _finite(estimate: Estimate) -> Estimate:
-    """An observation is finite whatever an estimator says; the drive has ended then."""
-    if math.isfinite(sum(estimate[:5])):
-        return estimate
-    vx, vy, yaw_rate, ax, ay = np.nan_to_num(estimate[:5]).tolist()
-    return Estimate(vx, vy, yaw_rate, ax, ay, estimate.cov)
+def worth(scenario: Scenario) -> Any:
+    """What the reward of a scenario's drives is measured by: a Worth, held for compiled code."""
+    told = scenario.nominal
+    reference = StabilityControl().reference(told)
+    caps, start = np.array(told.vehicle.brake_caps, dtype=float), float(scenario.manoeuvre.speed)
+    return hold(Worth(reference, caps, start, float(scenario.dt)))
 
 
-class _Metrics:
-    """What the drive has cost so far."""
-
-    def __init__(self, dt: float, frame: Frame):
-        self.dt, self.steps, self.start = dt, 0, math.hypot(frame.truth.vx, frame.truth.vy)
-        self.peak = self.squares = self.intervention = 0.0
-
-    def add(self, frame: Frame, demand: BrakeDemand) -> None:
-        vx, vy = frame.truth.vx, frame.truth.vy
-        if math.hypot(vx, vy) > SLOW:
-            sideslip = math.atan2(vy, vx)
-            self.steps += 1
-            self.peak = max(self.peak, abs(sideslip))
-            self.squares += math.remainder(frame.estimate.sideslip - sideslip, 2 * math.pi) ** 2
-        if any(demand.added.tolist()) or any(demand.release.tolist()):
-            self.intervention += self.dt
-
-    def now(self, frame: Frame) -> dict[str, float]:
-        return {
-            "peak_sideslip": self.peak,
-            "sideslip_rmse": math.sqrt(self.squares / max(1, self.steps)),
-            "brake_energy": float(frame.truth.state[p.BRAKE_WORK]),
-            "speed_lost": self.start - math.hypot(frame.truth.vx, frame.truth.vy),
-            "intervention_time": self.intervention,
-        }
+def _motion(estimate: Estimate) -> Array:
+    return np.array(estimate[:5])
 
 
 IDS = {

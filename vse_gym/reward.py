@@ -1,0 +1,85 @@
+"""What a step of a drive is worth to an agent, and what the drive has cost so far: from true states."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vse_gym.compiled import compiled
+from vse_gym.controllers.reference import Reference, follow_reference
+from vse_gym.physics.parameters import AY, VX, VY, YAW_RATE
+from vse_gym.types import SLOW, Array
+
+# The reward's weights, and the size of each error at which its term is full
+SIDESLIP, YAW_WEIGHT, BRAKE, SPEED = 0.3, 0.2, 0.1, 0.4
+FULL_SIDESLIP, FULL_YAW_RATE = math.radians(10), math.radians(20)
+
+PEAK, SQUARES, MOVING, INTERVENTION = range(4)  # of the totals
+
+
+class Worth(NamedTuple):
+    """What the reward is measured by."""
+
+    reference: Reference  # what the driver is taken to want
+    caps: Array  # largest brake torque of each wheel, (4,) [N m]
+    start: float  # speed at the start [m/s]
+    dt: float  # [s]
+
+
+@compiled
+def step_reward(constants, memory, state, steer, added):
+    """The reward of a step, in [-1, 1]; what an early end costs comes on top.
+
+    Args:
+        constants: The Worth, held.
+        memory: Reference yaw rate of the true states [rad/s] and envelope of |ay| [m/s2], (2,).
+        state: Of the plant after the step, (STATE_SIZE,).
+        steer: True road-wheel angle [rad].
+        added: Torques that were asked for, (4,) [N m].
+
+    Returns:
+        reward, and the memory one step on.
+    """
+    worth = constants.value
+    vx, vy = state[VX], state[VY]
+    after = np.empty(2)
+    after[0], after[1] = follow_reference(worth.reference, memory[0], memory[1], vx, state[AY], steer)
+    braked = 0.0
+    for i in range(4):
+        braked += added[i] / worth.caps[i]
+    cost = (
+        SIDESLIP * min(1.0, abs(math.atan2(vy, max(vx, 1.0))) / FULL_SIDESLIP)
+        + YAW_WEIGHT * min(1.0, abs(state[YAW_RATE] - after[0]) / FULL_YAW_RATE)
+        + BRAKE * 0.25 * braked
+        + SPEED * min(1.0, max(0.0, 1 - math.hypot(vx, vy) / worth.start))
+    )
+    return (1 - 2 * cost if math.isfinite(cost) else -1.0), after
+
+
+@compiled
+def tally(constants, totals, state, motion, added, release):
+    """Totals of a drive one step on, (4,): largest sideslip [rad], squares of its error, steps that it was measured
+    in, and time of intervention [s].
+
+    Args:
+        constants: The Worth, held.
+        totals: Before, zeros at the start.
+        state: Of the plant, (STATE_SIZE,).
+        motion: Estimated vx and vy come first.
+        added, release: What the stability control asked for, (4,) each.
+    """
+    after = totals.copy()
+    vx, vy = state[VX], state[VY]
+    if math.hypot(vx, vy) > SLOW:
+        sideslip = math.atan2(vy, vx)
+        error = math.atan2(motion[1], motion[0]) - sideslip
+        error -= 2 * math.pi * np.rint(error / (2 * math.pi))
+        after[MOVING] += 1
+        after[PEAK] = max(after[PEAK], abs(sideslip))
+        after[SQUARES] += error * error
+    asked = 0.0
+    for i in range(4):
+        asked += abs(added[i]) + abs(release[i])
+    if asked > 0.0:
+        after[INTERVENTION] += constants.value.dt
+    return after
