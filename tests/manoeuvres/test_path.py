@@ -78,4 +78,4 @@ def test_a_bend_begins_where_its_straight_ends():
 @pytest.mark.parametrize("x", [1e300, -1e300])
 def test_a_car_at_the_end_of_the_world_still_looks(x):
     for path in (Line(SWINGS), Circle(80.0), Circle(80.0, 20.0)):
-        assert np.isfinite(look(path.guide, x, -x, 1.0, AHEAD)).all()
+        assert np.abs(look(path.guide, x, -x, 1.0, AHEAD)).max() < 2e6  # from 1000 km out

@@ -71,15 +71,17 @@ def decided(driver, path, state, angle, pending):
 @st.composite
 def situations(draw):
     """A car, a memory of the driver's, his line, and one line of a script."""
-    around = {p.X: (-50, 150), p.Y: (-8, 8), p.YAW: (-3, 3), p.VX: (-5, 80), p.VY: (-20, 20), p.YAW_RATE: (-12, 12)}
-    state = np.zeros(p.STATE_SIZE)
-    for place, (low, high) in (around | {p.AY: (-12, 12)}).items():
-        state[place] = draw(st.floats(low, high))
+    state, wild = np.zeros(p.STATE_SIZE), draw(st.booleans())
+    state[p.X], state[p.VX] = draw(st.floats(-50, 150)), draw(st.floats(-5, 80))
+    # A tame car, for which he rarely turns the hand wheel as far as it goes, and one beyond all limits
+    for place, tame, any_ in ((p.Y, 1, 8), (p.YAW, 0.1, 3), (p.VY, 1, 20), (p.YAW_RATE, 0.5, 12), (p.AY, 6, 12)):
+        most = any_ if wild else tame
+        state[place] = draw(st.floats(-most, most))
     driver, path = draw(st.sampled_from((DRIVER, OTHER))), draw(st.sampled_from(PATHS))
     angles = st.floats(-0.3, 0.3)
     memory = draw(angles), draw(st.floats(0, 2.5)), draw(st.lists(angles, min_size=11, max_size=11))
     row = {
-        "hands": draw(st.sampled_from((HOLD, FOLLOW, TURN_TO, TURN_ON))),
+        "hands": draw(st.sampled_from((FOLLOW, FOLLOW, FOLLOW, HOLD, TURN_TO, TURN_ON))),
         "hand_wheel": draw(st.floats(-3, 3)),
         "speed": draw(st.one_of(st.just(math.nan), st.floats(0, 60))),
         "acceleration": draw(st.floats(0, 3)),
