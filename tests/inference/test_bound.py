@@ -66,8 +66,10 @@ def test_more_channels_never_raise_the_bound(f, h, heard, beside):
         return bound(np.eye(2), precision, Expectations(*terms))
 
     precision = np.linalg.inv(np.array([[0.2, 0.05], [0.05, 0.1]]))
-    gain = np.linalg.eigvalsh(least(heard) - least(heard | beside))  # in every direction
-    assert gain.min() >= -1e-12
+    some, more = least(heard), least(heard | beside)
+    gain = np.linalg.eigvalsh(some - more)  # in every direction
+    largest = np.abs(some).max(axis=(1, 2))  # rounding is relative, and what nobody hears of may grow without end
+    assert np.all(gain.min(axis=1) >= -1e-12 * np.maximum(1.0, largest))
 
 
 def noisy_drives(model, drives, steps, alpha):
