@@ -15,7 +15,7 @@ from vse_gym.controllers.allocation import agent_demand, as_torques
 from vse_gym.controllers.base import Controller, NoControl
 from vse_gym.controllers.esc import StabilityControl
 from vse_gym.controllers.observation import Encoder
-from vse_gym.episodes import episodes
+from vse_gym.episodes import AS_WRITTEN, episodes
 from vse_gym.estimators.base import Estimator
 from vse_gym.listener import true_estimate
 from vse_gym.manoeuvres.base import Manoeuvre
@@ -28,7 +28,6 @@ from vse_gym.simulation import Frame, Scenario, Simulation
 from vse_gym.types import NO_BRAKE, Array, BrakeDemand, Estimate
 
 ACTIONS = {"brakes": 4, "yaw_moment": 1}
-AS_WRITTEN = Randomise()
 
 
 class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):

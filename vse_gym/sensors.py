@@ -152,14 +152,18 @@ class Sensors:
         unit[:, :FITTED] = stream(seed, "sensors/noise").standard_normal((steps, FITTED))
         if np.isfinite(sigma[FITTED:]).any():
             unit[:, FITTED:] = stream(seed, "sensors/optional").standard_normal((steps, OPTIONAL))
-        growth = growing_sigma(dt * np.arange(steps, dtype=float), self.growth, *self.growing)[:, None]
+        grows = self.growth != 1.0
+        growth = (
+            growing_sigma(dt * np.arange(steps, dtype=float), self.growth, *self.growing)[:, None] if grows else 1.0
+        )
         for at, name in self._inertial():
             if self.alpha < 2:
                 rng = stream(seed, f"sensors/tails{name}")
                 unit[:, at] = cauchy_gaussian(self.alpha, 1 / np.sqrt(2), unit[:, at].shape, rng, self.alpha_rule)
             elif self.freedom < math.inf:
                 unit[:, at] = student_t(unit[:, at], self.freedom, stream(seed, f"sensors/student{name}"))
-            unit[:, at] *= growth
+            if grows:
+                unit[:, at] *= growth
         return unit * sigma * float(self.noise)
 
     def _offset(self, steps: int, dt: float, seed: int) -> Array:
@@ -172,6 +176,8 @@ class Sensors:
             )
         )
         out = np.zeros((steps, len(CHANNELS)))
+        if not (bias.any() or walk.any() or self.burst_rate > 0):
+            return out
         for at, name in self._inertial():
             n = out[0, at].size
             if bias.any():

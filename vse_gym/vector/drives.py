@@ -2,6 +2,7 @@
 
 import itertools
 import os
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -16,6 +17,7 @@ from vse_gym.vector.rows import Rows, check_in_rows
 
 FEWEST = 16  # rows that are worth a thread of their own
 Flags = NDArray[np.bool_]
+NOBODY: Mapping[int, int] = {}
 
 
 class Drives:
@@ -49,12 +51,13 @@ class Drives:
         part = int(np.searchsorted(self.edges, i, side="right")) - 1
         self.parts[part].start(i - int(self.edges[part]), seed)
 
-    def step(self, actions: Array, over: Flags | None = None) -> None:
-        """Drive on all rows but those that are over, (n,)."""
-        work = [
-            partial(rows.step, every if over is None else np.flatnonzero(~over[part]), actions[part])
-            for rows, every, part in zip(self.parts, self._every, self._slices, strict=True)
-        ]
+    def step(self, actions: Array, again: Mapping[int, int] = NOBODY) -> None:
+        """Drive on all rows but those that begin anew, by row and seed."""
+        work = []
+        for rows, part, every in zip(self.parts, self._slices, self._every, strict=True):
+            over = [(i - part.start, seed) for i, seed in again.items() if part.start <= i < part.stop]
+            index = np.setdiff1d(every, [i for i, _ in over]) if over else every
+            work.append(partial(rows.step, index, actions[part], over))
         waiting = [self._pool.submit(step) for step in work[1:]] if self._pool else []
         work[0]()
         for done in waiting:

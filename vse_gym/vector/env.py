@@ -17,6 +17,7 @@ from vse_gym.vector.drives import Drives, Flags
 from vse_gym.vector.lanes import TABLE
 
 REASONS = np.array(ENDINGS)
+PLACES = [tuple(name.split(".")) for name in TABLE]  # of the columns in info
 
 
 class StabilityControlVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[np.float32], Any]):
@@ -50,6 +51,10 @@ class StabilityControlVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], 
         self.observation_space = batch_space(single.observation_space, num_envs)
         self._generators: list[np.random.Generator] = []
         self._over = np.zeros(num_envs, dtype=bool)
+        self._every = np.ones(num_envs, dtype=bool)  # rows that have a key of info: all
+        self._masks: dict[str, dict[str, Flags]] = {group: {} for group, _ in PLACES}
+        for group, key in (*PLACES, ("estimate", "std")):
+            self._masks[group][f"_{key}"] = self._every
 
     def reset(  # type: ignore[override]
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -76,10 +81,7 @@ class StabilityControlVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], 
         values = np.ascontiguousarray(actions, dtype=float)
         if values.shape != self.action_space.shape or not np.isfinite(values).all():
             raise ValueError(f"actions must be finite and have the shape {self.action_space.shape}, not {actions!r}")
-        again = np.flatnonzero(self._over)
-        self.drives.step(values, self._over if again.size else None)
-        for i in again:
-            self.drives.start(int(i), self._drive(int(i)))
+        self.drives.step(values, {i: self._drive(i) for i in np.flatnonzero(self._over).tolist()})
         terminated, truncated = self.drives.over()
         self._over = terminated | truncated
         return self.drives.all_of("observation"), self.drives.all_of("reward"), terminated, truncated, self._info()
@@ -100,16 +102,12 @@ class StabilityControlVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], 
         return int(self._generators[i].integers(2**62))
 
     def _info(self) -> dict[str, Any]:
-        table, every = self.drives.describe(), np.ones(self.num_envs, dtype=bool)
-        spread = np.concatenate([rows.lanes.spread for rows in self.drives.parts])
-        info: dict[str, Any] = {}
-        for name, column in zip(TABLE, table.T, strict=True):
-            group, key = name.split(".")
-            if group not in info:
-                info[group], info[f"_{group}"] = {}, every
-            info[group][key], info[group][f"_{key}"] = column, every
-        with np.errstate(invalid="ignore"):
-            info["estimate"]["std"] = np.where(np.isnan(spread), np.inf, np.sqrt(spread))
-        info["estimate"]["_std"] = every
+        columns, spread = self.drives.describe().T, self.drives.all_of("spread")
+        info: dict[str, Any] = {name: dict(masks) for name, masks in self._masks.items()}
+        for (group, key), column in zip(PLACES, columns, strict=True):
+            info[group][key] = column
+        spread[np.isnan(spread)] = np.inf
+        info["estimate"]["std"] = np.sqrt(spread)
+        every = info["_truth"] = info["_estimate"] = info["_errors"] = info["_metrics"] = self._every
         info["ended"], info["_ended"] = REASONS[self.drives.all_of("ended")], every
         return info

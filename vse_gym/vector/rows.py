@@ -1,5 +1,6 @@
 """Drives side by side in one thread: what each row drives, and one step of all of them."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -104,6 +105,7 @@ class Rows:
         self._held = hold(self.lanes)
         self._drawn: list[tuple[Scenario, Estimator] | None] = [None] * count
         self._beliefs: list[Array] = [np.empty(0)] * count  # of each row, before its first reading
+        self._roads: list[Any] = [None] * count
         self._memories: list[Array] = [np.empty(0)] * count  # of each row's reward, at the start
         self._kinds: list[Any] = [None] * count  # of each row's filter; None: true states
         self._filters: dict[Any, Any] = {}  # lists of rule and model, by kind
@@ -119,7 +121,7 @@ class Rows:
             self._prepare(i, scenario, estimator)
         s, row = scenario, np.array([i])
         record = s.sensors.record(s.steps + 1, s.dt, seed)
-        self._put("plants", i, hold((s.brake_unit, s.nominal.vehicle.geometry, s.vehicle, s.road, record)))
+        self._put("plants", i, hold((s.brake_unit, s.nominal.vehicle.geometry, s.vehicle, self._roads[i], record)))
         for array in (v.unit, v.driver, v.law, v.base, v.asked, v.seen, v.totals):
             array[i] = 0.0
         v.k[i], v.steps[i], v.depth[i], v.ended[i], v.steer[i], v.reward[i] = 0, s.steps, 1 + record.delay, 0, 0.0, 0.0
@@ -133,12 +135,13 @@ class Rows:
         observe_rows(row, self._held, self._lists["views"], self._layout)
         self._grouped = self._grouped[:0]
 
-    def step(self, index: Index, actions: Array) -> None:
-        """Drive rows on to their next reading.
+    def step(self, index: Index, actions: Array, again: Sequence[tuple[int, int]] = ()) -> None:
+        """Drive rows on to their next reading, and begin others anew.
 
         Args:
-            index: Which rows, in order.
+            index: Which rows to drive, in order.
             actions: Of all rows, (n, size).
+            again: Which rows to begin anew, each with its seed.
         """
         held, lists = self._held, self._lists
         if "laws" in lists:
@@ -148,6 +151,8 @@ class Rows:
         self._estimate(index)
         judge_rows(index, held, lists["plants"], lists["worths"], lists["tasks"])
         observe_rows(index, held, lists["views"], self._layout)
+        for i, seed in again:
+            self.start(i, seed)
 
     def describe(self) -> Array:
         """The table of ``lanes.TABLE``, as it is now, (n, columns)."""
@@ -169,7 +174,7 @@ class Rows:
     def _prepare(self, i: int, s: Scenario, estimator: Estimator) -> None:
         """A row's constants, but for its noise."""
         told = s.nominal
-        self._drawn[i] = (s, estimator)
+        self._drawn[i], self._roads[i] = (s, estimator), s.road
         self._put("tasks", i, s.manoeuvre.init(replace(told, vehicle=s.vehicle)).task)
         self._put("views", i, self.encoder.view(told))
         worthy = worth(s)
