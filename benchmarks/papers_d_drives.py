@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vse_gym.manoeuvres.base import DEG, Criterion, Manoeuvre, Verdict
-from vse_gym.manoeuvres.driver import Pedals, pedals
+from vse_gym.manoeuvres.script import TURN_TO, Script, script_of, sine
+from vse_gym.manoeuvres.scripted import Scripted
 from vse_gym.manoeuvres.triple_lane_change import TripleLaneChange
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
@@ -14,7 +15,7 @@ from vse_gym.physics.parameters import GRAVITY
 from vse_gym.sensing import NoiseRecord
 from vse_gym.sensors import LOUD, Sensors
 from vse_gym.simulation import Scenario, scenario
-from vse_gym.types import Y_YAW_RATE, Car, Driver, Log
+from vse_gym.types import Y_YAW_RATE, Array, Log
 
 CAR = "chen2024_c_class"
 SPIKES = ((2.0, 0.47), (7.0, 0.84))  # when, and how high the gyro's outliers reach (published) [s], [rad/s]
@@ -40,7 +41,7 @@ BIASED = replace(SENSORS, acceleration_bias=0.5, yaw_rate_bias=0.1 * DEG)  # as 
 
 
 @dataclass(frozen=True)
-class AcceleratingSine(Manoeuvre):
+class AcceleratingSine(Scripted):
     """Fixed throttle from 12.5 m/s, the hand wheel a sine whose amplitude changes: the paper's drives on a test rig.
 
     Speed, frictions and when the amplitude changes are published, the rest is chosen. :func:`grip_used` says how near
@@ -54,15 +55,12 @@ class AcceleratingSine(Manoeuvre):
     weak: float = 1.0  # amplitude between 7 and 18 s over the one before [-]
     grown: float = 1.0  # amplitude at the end over the one before, growing from 30 s on [-]
 
-    def init(self, nominal: Nominal) -> Pedals:
-        return pedals(nominal.vehicle, nominal.dt)._replace(pressed=self.acceleration)
-
-    def drive(self, state: Pedals, time: float, car: Car) -> tuple[Driver, Pedals]:
-        share = self.weak if 7.0 <= time < 18.0 else 1.0
-        if time > 30.0:
-            share = 1.0 + (self.grown - 1.0) * (time - 30.0) / (self.duration - 30.0)
-        angle = share * self.amplitude * math.sin(2 * math.pi * time / self.period)
-        return Driver(angle, state.torque), state
+    def script(self, times: Array) -> Script:
+        share = np.where((times >= 7.0) & (times < 18.0), self.weak, 1.0)
+        late = times > 30.0
+        share[late] = 1.0 + (self.grown - 1.0) * (times[late] - 30.0) / (self.duration - 30.0)
+        angle = share * self.amplitude * sine(2 * math.pi * times / self.period)
+        return script_of(times, TURN_TO, angle, acceleration=self.acceleration)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """The paper has none; sideslip is reported."""

@@ -252,4 +252,9 @@ IDS = {
 def register_environments() -> None:
     """Give the environments their Gymnasium ids; importing vse_gym does it."""
     for name, manoeuvre in IDS.items():
-        gymnasium.register(name, entry_point="vse_gym.env:StabilityControlEnv", kwargs={"manoeuvre": manoeuvre})
+        gymnasium.register(
+            name,
+            entry_point="vse_gym.env:StabilityControlEnv",
+            vector_entry_point="vse_gym.vector.env:StabilityControlVectorEnv",
+            kwargs={"manoeuvre": manoeuvre},
+        )

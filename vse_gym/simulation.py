@@ -10,6 +10,7 @@ from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
 from vse_gym.compiled import compiled, hold
 from vse_gym.controllers.allocation import as_torques
 from vse_gym.controllers.base import Controller
+from vse_gym.ending import BEYOND_MODEL, ENDINGS, GOES_ON, OFF_COURSE, ending
 from vse_gym.estimators.base import Estimator
 from vse_gym.listener import EstimatorError, Listener
 from vse_gym.logbook import LogBook
@@ -26,9 +27,6 @@ from vse_gym.sensors import Sensors, stream, suite
 from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Car, Estimate, Log, Reading
 from vse_gym.vehicles import load
 
-SPIN = math.radians(80)  # sideslip beyond which a drive is over
-FASTEST = 150.0  # an estimate of a higher speed ends a drive [m/s]
-SLOWEST_SPIN = 1.0  # below this speed the direction of travel means nothing [m/s]
 PLANTS = ("double_track", "commonroad_mb")
 
 
@@ -286,18 +284,12 @@ class Simulation:
         return self.frame
 
     def _why_over(self, estimate: Estimate) -> str:
-        vx, vy = float(self.state[p.VX]), float(self.state[p.VY])
-        if not math.isfinite(vx + vy + float(self.state[p.YAW_RATE])):
-            return "state not finite"
-        if not math.isfinite(estimate.vx + estimate.vy + estimate.yaw_rate + estimate.ay):
-            return "estimate not finite"
-        if math.hypot(estimate.vx, estimate.vy) > FASTEST:
-            return "estimate absurd"
-        if abs(math.atan2(vy, vx)) > SPIN and math.hypot(vx, vy) > SLOWEST_SPIN:
-            return "spin"
-        if self._lost:
-            return "beyond the multi-body model"
-        return "off course" if self.scenario.manoeuvre.off_course(Car(self.state), self.scenario.vehicle) else ""
+        why = ending(self.state, np.array(estimate[:5]))
+        if why == GOES_ON and self._lost:
+            why = BEYOND_MODEL
+        if why == GOES_ON and self.scenario.manoeuvre.off_course(Car(self.state), self.scenario.vehicle):
+            why = OFF_COURSE
+        return ENDINGS[why]
 
 
 def rollout(scenario: Scenario, estimator: str | Estimator, controller: str | Controller, seed: int) -> Log:

@@ -145,3 +145,8 @@ def across(vehicle: Vehicle | None, truth: Array) -> Array:
 def lateral_acceleration(log: Log) -> Array:
     """Of a drive, in the plane of the road, (T,) [m/s2]: see :func:`across`."""
     return across(log.vehicle, log.truth)
+
+
+def held_together(log: Log) -> Criterion:
+    """Where a standard has no limits (chosen): the car still points where it goes, to within 15 deg."""
+    return Criterion("largest sideslip", math.degrees(log.peak_sideslip), 15.0, "deg")

@@ -6,19 +6,19 @@ from typing import ClassVar
 
 import numpy as np
 
-from vse_gym.manoeuvres.base import DEG, Criterion, Manoeuvre, Verdict
-from vse_gym.manoeuvres.driver import DRIVER, Steering, pedals
-from vse_gym.manoeuvres.followed import AtWheel, largest, stopping_distance, strayed
+from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
+from vse_gym.manoeuvres.followed import Followed, largest, stopping_distance, strayed
 from vse_gym.manoeuvres.path import Circle
+from vse_gym.manoeuvres.script import FOLLOW, HOLD, TURN_TO, Script, ramp, script_of
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import NO_TORQUE, Car, Driver, Log
+from vse_gym.types import Array, Log
 
 LOOKS = 1.0  # after the begin of braking, at which the yaw rate is compared (k) [s]
 
 
 @dataclass(frozen=True)
-class BrakeInTurn(Manoeuvre):
+class BrakeInTurn(Followed):
     """Round a circle at a steady speed, then a step of the brakes with the hand wheel held where it is: ISO 7975.
 
     The standard's circle of 100 m (k) at 80 km/h (chosen: 4.9 m/s2); the driver follows it until he brakes. With an
@@ -39,28 +39,19 @@ class BrakeInTurn(Manoeuvre):
     begin: float = 0.5  # of steer, with an amplitude [s]
     brake: float = 4.0  # when the driver brakes [s]
     deceleration: float = 0.5 * p.GRAVITY  # that he asks for [m/s2]
-    driver: Steering = DRIVER
 
     positive: ClassVar[tuple[str, ...]] = ("brake", "deceleration", "radius", "rate")
 
-    def init(self, nominal: Nominal) -> AtWheel:
-        car = nominal.vehicle
-        return AtWheel(
-            self.driver.init(nominal), Circle(self.side * self.radius), pedals(car, nominal.dt), car.steering_ratio
-        )
+    def path(self, vehicle: p.Vehicle) -> Circle:
+        return Circle(self.side * self.radius)
 
-    def drive(self, state: AtWheel, time: float, car: Car) -> tuple[Driver, AtWheel]:
-        hands, circle, feet, ratio = state
-        if self.amplitude is not None:
-            turned = min(abs(self.amplitude), self.rate * max(0.0, time - self.begin))
-            hands = hands._replace(angle=math.copysign(turned, self.amplitude) / ratio)
-        elif time < self.brake:
-            hands = self.driver.steer(hands, circle, car)
-        if time < self.brake:
-            feet = feet.hold(self.speed, car)
-            return Driver(ratio * hands.angle, feet.torque), AtWheel(hands, circle, feet, ratio)
-        after = AtWheel(hands, circle, feet, ratio)
-        return Driver(ratio * hands.angle, NO_TORQUE, feet.brake * self.deceleration), after
+    def script(self, times: Array) -> Script:
+        brakes = times >= self.brake
+        speed, slowing = np.where(brakes, math.nan, self.speed), np.where(brakes, self.deceleration, 0.0)
+        if self.amplitude is None:
+            return script_of(times, np.where(brakes, HOLD, FOLLOW), speed=speed, deceleration=slowing)
+        turned = ramp(times, self.amplitude, self.rate, self.begin)
+        return script_of(times, TURN_TO, turned, speed, deceleration=slowing)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """The largest sideslip is judged; the standard has no limits."""
@@ -73,7 +64,7 @@ class BrakeInTurn(Manoeuvre):
         ratio = then[0] / steady if abs(steady) > 0 else math.nan
         braking = log.truth[log.time >= self.brake, p.AX]
         first = (log.time >= self.brake) & (log.time <= self.brake + LOOKS)
-        away = largest(strayed(Circle(self.side * self.radius), log)[first])
+        away = largest(strayed(self.path(nominal.vehicle), log)[first])
         return Verdict(
             (
                 Criterion("largest sideslip", math.degrees(log.peak_sideslip), 10, "deg"),

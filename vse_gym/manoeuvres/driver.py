@@ -1,4 +1,4 @@
-"""The driver who follows a line and holds a speed: optimal preview steering with human limits, and two pedals."""
+"""What a driver has practised with his car: the gains of optimal preview steering, and what his pedals do."""
 
 import math
 from dataclasses import dataclass
@@ -7,14 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vse_gym.manoeuvres.path import Path
-from vse_gym.models import Nominal
-from vse_gym.physics.parameters import GRAVITY, VX, VY, YAW, YAW_RATE, Vehicle, X, Y
-from vse_gym.types import Array, Car
+from vse_gym.manoeuvres.script import FASTEST, SLOWEST, Arms, Pedals
+from vse_gym.physics.parameters import GRAVITY, Vehicle
+from vse_gym.types import Array
 
 DEG = math.pi / 180
-SLOWEST, FASTEST = 3, 60  # speeds that the driver has practised, every metre per second between them [m/s]
-FASTEST_TURN = 10.0  # a car that turns faster is felt as if it turned so fast [rad/s]
+FIRM = 0.8 * GRAVITY  # deceleration for which the brakes are balanced [m/s2]
+FOOT = 0.3  # time constant of the driver's foot (chosen) [s]
 
 
 class Skill(NamedTuple):
@@ -112,18 +111,6 @@ def _row(skill: Skill, v: float, f: Array, prices: Array, cost: Array, b: Array,
     return np.concatenate((ahead, -gain[2:]))
 
 
-class Hands(NamedTuple):
-    """Where the driver's hands are, and what is on its way to them."""
-
-    gains: Array  # at each practised speed, see practised()
-    reach: Array  # times of the preview points [s]
-    follow: float  # share of the way to the wanted angle that the arms make in a step [-]
-    most: float  # change of the road-wheel angle that they can make in a step [rad]
-    limit: float  # of the road-wheel angle [rad]
-    pending: tuple[float, ...]  # road-wheel angles decided on, the oldest first [rad]
-    angle: float  # of the road wheel [rad]
-
-
 @dataclass(frozen=True)
 class Steering:
     """Preview steering with a reaction delay, a neuromuscular lag, and arms of finite speed and reach.
@@ -151,65 +138,16 @@ class Steering:
         if not (0 <= self.delay < math.inf and 0 <= self.heading < math.inf and self.points >= 2):
             raise ValueError(f"delay and heading must not be negative and points at least 2, not {self}")
 
-    def init(self, nominal: Nominal) -> Hands:
-        """Hands at rest on a straight hand wheel."""
-        dt, ratio = nominal.dt, nominal.vehicle.steering_ratio
+    def arms(self, vehicle: Vehicle, dt: float) -> Arms:
+        """What compiled code needs of the driver, in a car that he knows and acts in every dt seconds."""
         reach = tuple(self.preview * (k + 1) / self.points for k in range(self.points))
         skill = Skill(reach, self.calm, self.heading, self.lag, round(self.delay / dt), dt)
-        follow, pending = 1 - math.exp(-dt / self.lag), (0.0,) * (skill.delay + 1)
-        gains = practised(nominal.vehicle, skill)
-        return Hands(gains, np.array(reach), follow, self.rate * dt / ratio, self.limit / ratio, pending, 0.0)
-
-    def steer(self, hands: Hands, path: Path, car: Car) -> Hands:
-        """The hands one step on."""
-        gains, reach, follow, most, limit, pending, angle = hands
-        state = car.state.tolist()
-        speed = min(max(state[VX], SLOWEST), FASTEST)
-        sideways = min(max(state[VY], -speed), speed)
-        turning = min(max(state[YAW_RATE], -FASTEST_TURN), FASTEST_TURN)
-        offsets = path.look(state[X], state[Y], state[YAW], speed * reach)
-        low = min(int(speed) - SLOWEST, FASTEST - SLOWEST - 1)
-        between = speed - SLOWEST - low  # two practised speeds
-        felt = (sideways, turning, angle, *pending)
-        slower, faster = (gains[low : low + 2] @ np.concatenate((offsets, felt))).tolist()
-        wanted = min(max((1 - between) * slower + between * faster, -limit), limit)
-        change = follow * (pending[0] - angle)
-        angle += min(max(change, -most), most)
-        return Hands(gains, reach, follow, most, limit, (*pending[1:], wanted), angle)
+        gains = practised(vehicle, skill).copy()
+        gains[:, : self.points + 2] *= vehicle.steering_ratio  # of road-wheel angles and of hand-wheel angles alike
+        return Arms(gains, np.array(reach), 1 - math.exp(-dt / self.lag), self.rate * dt, float(self.limit))
 
 
 DRIVER = Steering()
-
-FIRM = 0.8 * GRAVITY  # deceleration for which the brakes are balanced [m/s2]
-# How the driver holds a speed (chosen). He reads a needle: a drive torque that followed the speed exactly would tell
-# estimators, who know the torque, what no sensor does.
-NEEDLE = 2 / 3.6  # speed to which the speedometer can be read [m/s]
-STRONGEST = 2.5  # acceleration for which he presses at most [m/s2]
-EAGER = 2.0  # acceleration that he wants for each metre per second too slow [1/s]
-FOOT = 0.3  # time constant of his foot [s]
-
-
-class Pedals(NamedTuple):
-    """Torque at each wheel for an acceleration, and for a deceleration, of 1 m/s2 on a level road, (4,) [N m s2/m].
-
-    The brakes are balanced as the wheels' loads are at 0.8 g (chosen), so that the front ones lock first below it.
-    """
-
-    drive: Array
-    brake: Array
-    follow: float  # share of the way to what he wants that his foot makes in a step [-]
-    pressed: float = 0.0  # acceleration for which the accelerator stands [m/s2]
-
-    def hold(self, speed: float, car: Car) -> "Pedals":
-        """The pedals one step on, with a foot that brings the car back to a speed from below; from above it lifts."""
-        seen = NEEDLE * round(math.hypot(car.vx, car.vy) / NEEDLE)
-        wanted = min(max(EAGER * (speed - seen), 0.0), STRONGEST)
-        return self._replace(pressed=self.pressed + self.follow * (wanted - self.pressed))
-
-    @property
-    def torque(self) -> Array:
-        """Drive torque at each wheel, (4,) [N m]."""
-        return self.drive * self.pressed
 
 
 def pedals(vehicle: Vehicle, dt: float) -> Pedals:

@@ -1,35 +1,27 @@
-"""What manoeuvres with a driver who follows a line share: his hands, his pedals, and how the drive is measured."""
+"""What manoeuvres with a driver who follows a line share: his hands, and how the drive is measured."""
 
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from vse_gym.manoeuvres.base import Criterion, Manoeuvre, Verdict
+from vse_gym.manoeuvres.base import Criterion, Verdict
 from vse_gym.manoeuvres.course import Course, clearances, gates_missed
-from vse_gym.manoeuvres.driver import DRIVER, Hands, Pedals, Steering, pedals
-from vse_gym.manoeuvres.path import Path
+from vse_gym.manoeuvres.driver import DRIVER, Steering
+from vse_gym.manoeuvres.path import STRAIGHT, Path
+from vse_gym.manoeuvres.script import FOLLOW, Arms, Script, script_of
+from vse_gym.manoeuvres.scripted import Bounds, Scripted
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import NO_TORQUE, Array, Car, Driver, Log
+from vse_gym.types import Array, Log
 
 STANDS = 0.5  # the car has stopped below this speed [m/s]
 LEFT = 5.0  # metres beside the course at which a drive is over (chosen)
 
 
-class AtWheel(NamedTuple):
-    """The driver's state."""
-
-    hands: Hands
-    path: Path
-    pedals: Pedals
-    ratio: float  # hand wheel over road wheel [-]
-
-
 @dataclass(frozen=True)
-class Followed(Manoeuvre):
+class Followed(Scripted):
     """A driver follows a line; unless a manoeuvre says otherwise he holds his speed with the accelerator."""
 
     driver: Steering = DRIVER
@@ -38,20 +30,11 @@ class Followed(Manoeuvre):
     def path(self, vehicle: p.Vehicle) -> Path:
         """The line for a car."""
 
-    def init(self, nominal: Nominal) -> AtWheel:
-        car = nominal.vehicle
-        return AtWheel(self.driver.init(nominal), self.path(car), pedals(car, nominal.dt), car.steering_ratio)
+    def arms(self, vehicle: p.Vehicle, dt: float) -> Arms:
+        return self.driver.arms(vehicle, dt)
 
-    def drive(self, state: AtWheel, time: float, car: Car) -> tuple[Driver, AtWheel]:
-        hands, path, feet, ratio = state
-        hands = self.driver.steer(hands, path, car)
-        drive, brake, feet = self.press(feet, time, car)
-        return Driver(ratio * hands.angle, drive, brake), AtWheel(hands, path, feet, ratio)
-
-    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array, Pedals]:
-        """Drive and brake torques, (4,) each [N m], and the pedals after."""
-        feet = feet.hold(self.speed, car)
-        return feet.torque, NO_TORQUE, feet
+    def script(self, times: Array) -> Script:
+        return script_of(times, FOLLOW, speed=self.speed)
 
 
 def strayed(path: Path, log: Log) -> Array:
@@ -107,8 +90,8 @@ class Coned(Followed):
     @abstractmethod
     def course(self, vehicle: p.Vehicle) -> Course: ...
 
-    def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
-        return abs(car.y) > self.room
+    def bounds(self, vehicle: p.Vehicle) -> Bounds:
+        return Bounds(STRAIGHT, self.room)
 
     @property
     @abstractmethod

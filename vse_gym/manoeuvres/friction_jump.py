@@ -4,13 +4,16 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
-from vse_gym.manoeuvres.driver import Pedals
 from vse_gym.manoeuvres.followed import LEFT, Followed, largest, stopping_distance, strayed, turned_away
 from vse_gym.manoeuvres.path import STRAIGHT, Circle, Path
+from vse_gym.manoeuvres.script import FOLLOW, Script, script_of
+from vse_gym.manoeuvres.scripted import Bounds
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import NO_TORQUE, Array, Car, Log
+from vse_gym.types import Array, Log
 
 
 @dataclass(frozen=True)
@@ -44,13 +47,13 @@ class FrictionJump(Followed):
             return STRAIGHT
         return Circle(self.side * self.speed**2 / self.lateral, self.straight * self.speed)
 
-    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array, Pedals]:
-        if time < self.begin:
-            return super().press(feet, time, car)
-        return NO_TORQUE, feet.brake * self.deceleration, feet
+    def script(self, times: Array) -> Script:
+        brakes = times >= self.begin
+        speed, slowing = np.where(brakes, math.nan, self.speed), np.where(brakes, self.deceleration, 0.0)
+        return script_of(times, FOLLOW, speed=speed, deceleration=slowing)
 
-    def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
-        return abs(self.path(vehicle).stray_of(car.x, car.y)) > LEFT
+    def bounds(self, vehicle: p.Vehicle) -> Bounds:
+        return Bounds(self.path(vehicle), LEFT)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """Sideslip and distance from the line."""

@@ -7,10 +7,11 @@ from typing import ClassVar
 from vse_gym.manoeuvres.base import KMH, Criterion, Verdict
 from vse_gym.manoeuvres.followed import LEFT, Followed, largest, strayed
 from vse_gym.manoeuvres.path import Circle
+from vse_gym.manoeuvres.scripted import Bounds
 from vse_gym.manoeuvres.straight_driving import false_interventions
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import Car, Log
+from vse_gym.types import Log
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,8 @@ class GentleCurve(Followed):
     def path(self, vehicle: p.Vehicle) -> Circle:
         return Circle(self.side * self.speed**2 / self.lateral, self.straight * self.speed)
 
-    def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
-        return abs(self.path(vehicle).stray_of(car.x, car.y)) > LEFT
+    def bounds(self, vehicle: p.Vehicle) -> Bounds:
+        return Bounds(self.path(vehicle), LEFT)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """No standard has limits here; these are chosen so that a driver would not notice anything."""

@@ -4,14 +4,16 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from vse_gym.manoeuvres.base import DEG, Criterion, Manoeuvre, Verdict
+from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
+from vse_gym.manoeuvres.script import TURN_TO, Script, ramp, script_of
+from vse_gym.manoeuvres.scripted import Scripted
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import Car, Driver, Log
+from vse_gym.types import Array, Log
 
 
 @dataclass(frozen=True)
-class HeldSteer(Manoeuvre):
+class HeldSteer(Scripted):
     """The hand wheel turns to an angle and stays there; with ``friction_after`` the road's friction jumps.
 
     Raises:
@@ -31,9 +33,8 @@ class HeldSteer(Manoeuvre):
             return super().road()
         return p.road((0.0, self.friction), (self.jump * self.speed, self.friction_after))
 
-    def drive(self, state: None, time: float, car: Car) -> tuple[Driver, None]:
-        turned = min(abs(self.amplitude), self.rate * max(0.0, time - self.begin))
-        return Driver(math.copysign(turned, self.amplitude)), None
+    def script(self, times: Array) -> Script:
+        return script_of(times, TURN_TO, ramp(times, self.amplitude, self.rate, self.begin))
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """No standard has limits here; chosen: the car still points where it goes, to within 15 deg."""

@@ -9,11 +9,11 @@ import numpy as np
 
 from vse_gym.manoeuvres.base import KMH
 from vse_gym.manoeuvres.course import Course, Lane, course_of
-from vse_gym.manoeuvres.driver import Pedals
 from vse_gym.manoeuvres.followed import LEFT, Coned
 from vse_gym.manoeuvres.path import Line
+from vse_gym.manoeuvres.script import FOLLOW, Script, script_of
 from vse_gym.physics import parameters as p
-from vse_gym.types import NO_TORQUE, Array, Car
+from vse_gym.types import Array
 
 LENGTHS = (12.0, 13.5, 11.0, 12.5, 12.0)  # lane, swing, lane, swing, lane (k) [m]
 GAP = 1.0  # between the inner borders of the first and the second lane (k) [m]
@@ -84,7 +84,5 @@ class ObstacleAvoidance(Coned):
     def course(self, vehicle: p.Vehicle) -> Course:
         return _course(vehicle.width, self.start, self.side)
 
-    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array, Pedals]:
-        if car.x > self.start + LIFTS:
-            return NO_TORQUE, NO_TORQUE, feet
-        return super().press(feet, time, car)
+    def script(self, times: Array) -> Script:
+        return script_of(times, FOLLOW, speed=self.speed, lifts=self.start + LIFTS)

@@ -4,16 +4,19 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from vse_gym.manoeuvres.base import DEG, Criterion, Verdict, lateral_acceleration
+import numpy as np
+
+from vse_gym.manoeuvres.base import DEG, Criterion, Verdict, held_together, lateral_acceleration
 from vse_gym.manoeuvres.followed import largest
-from vse_gym.manoeuvres.steady_speed import SteadySpeed, held_together
+from vse_gym.manoeuvres.script import TURN_TO, Script, script_of, sine
+from vse_gym.manoeuvres.scripted import Scripted
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import Log
+from vse_gym.types import Array, Log
 
 
 @dataclass(frozen=True)
-class SineSteer(SteadySpeed):
+class SineSteer(Scripted):
     """The hand wheel as a sine between two times, straight before and after, at a steady speed.
 
     As it is: one period of 4 s and 60 deg from 2 to 6 s at 80 km/h, of Tian, Zhang, Wang, Chen (2018), J. Jilin
@@ -31,10 +34,14 @@ class SineSteer(SteadySpeed):
 
     positive: ClassVar[tuple[str, ...]] = ("period",)
 
-    def hand_wheel(self, time: float) -> float:
-        if not self.begin < time < self.stop:
-            return 0.0
-        return self.amplitude * math.sin(2 * math.pi * (time - self.begin) / self.period)
+    def hand_wheel(self, times: Array) -> Array:
+        """Angle of the hand wheel, (steps,) [rad]."""
+        angle, turning = np.zeros(times.shape), (times > self.begin) & (times < self.stop)
+        angle[turning] = self.amplitude * sine(2 * math.pi * (times[turning] - self.begin) / self.period)
+        return angle
+
+    def script(self, times: Array) -> Script:
+        return script_of(times, TURN_TO, self.hand_wheel(times), self.speed)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """The largest sideslip is judged."""

@@ -6,15 +6,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from vse_gym.manoeuvres.base import DEG, Criterion, Manoeuvre, Verdict
+from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
+from vse_gym.manoeuvres.script import TURN_TO, Script, script_of, sine
+from vse_gym.manoeuvres.scripted import Scripted
 from vse_gym.manoeuvres.slowly_increasing_steer import steer_at_0_3g
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import Car, Driver, Log
+from vse_gym.types import Array, Log
 
 
 @dataclass(frozen=True)
-class SineWithDwell(Manoeuvre):
+class SineWithDwell(Scripted):
     """One period of a hand-wheel sine that dwells at its second peak, coasting.
 
     The standard runs it at 80 km/h on dry road with amplitudes from 1.5 A to the greater of 6.5 A and 270 deg (300 deg
@@ -34,18 +36,16 @@ class SineWithDwell(Manoeuvre):
         """Completion of steer [s]."""
         return self.begin + 1 / self.frequency + self.dwell
 
-    def hand_wheel(self, time: float) -> float:
-        """Angle of the hand wheel [rad]."""
-        since = time - self.begin
-        hold = 0.75 / self.frequency
-        if since <= 0 or time >= self.complete:
-            return 0.0
-        if since > hold:
-            since = max(hold, since - self.dwell)
-        return self.amplitude * math.sin(2 * math.pi * self.frequency * since)
+    def hand_wheel(self, times: Array) -> Array:
+        """Angle of the hand wheel, (steps,) [rad]."""
+        since, hold = times - self.begin, 0.75 / self.frequency
+        since = np.where(since > hold, np.maximum(hold, since - self.dwell), since)
+        angle, turning = np.zeros(times.shape), (times > self.begin) & (times < self.complete)
+        angle[turning] = self.amplitude * sine(2 * math.pi * self.frequency * since[turning])
+        return angle
 
-    def drive(self, state: None, time: float, car: Car) -> tuple[Driver, None]:
-        return Driver(self.hand_wheel(time)), None
+    def script(self, times: Array) -> Script:
+        return script_of(times, TURN_TO, self.hand_wheel(times))
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """FMVSS 126 S5.2: yaw rate left over 1.00 s and 1.75 s after completion of steer, displacement at 1.07 s.

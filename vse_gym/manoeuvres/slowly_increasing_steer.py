@@ -6,12 +6,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from vse_gym.manoeuvres.base import DEG, KMH, Criterion, Manoeuvre, Verdict, across, lateral_acceleration
-from vse_gym.manoeuvres.driver import Pedals, pedals
+from vse_gym.manoeuvres.base import DEG, KMH, Criterion, Verdict, across, lateral_acceleration
+from vse_gym.manoeuvres.script import HOLD, TURN_ON, Script, script_of
+from vse_gym.manoeuvres.scripted import Scripted
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import advance, rolling_start
-from vse_gym.types import Array, Car, Driver, Log
+from vse_gym.types import Array, Car, Log
 
 
 def _angle_at_0_3g(hand_wheel: Array, ay: Array) -> float:
@@ -26,11 +27,8 @@ def _angle_at_0_3g(hand_wheel: Array, ay: Array) -> float:
     return float((0.3 - offset) / slope)
 
 
-Hands = tuple[float, float, Pedals]  # the driver's state: hand wheel [rad], control step [s], pedals
-
-
 @dataclass(frozen=True)
-class SlowlyIncreasingSteer(Manoeuvre):
+class SlowlyIncreasingSteer(Scripted):
     """The hand wheel turns at 13.5 deg/s at a constant 80 km/h until the car corners at about 0.5 g."""
 
     duration: float = 8.0
@@ -40,15 +38,9 @@ class SlowlyIncreasingSteer(Manoeuvre):
 
     positive: ClassVar[tuple[str, ...]] = ("stop",)
 
-    def init(self, nominal: Nominal) -> Hands:
-        return 0.0, nominal.dt, pedals(nominal.vehicle, nominal.dt)
-
-    def drive(self, state: Hands, time: float, car: Car) -> tuple[Driver, Hands]:
-        angle, dt, feet = state
-        if abs(car.ay) < self.stop and time >= self.begin:
-            angle += self.rate * dt
-        feet = feet.hold(self.speed, car)
-        return Driver(angle, feet.torque), (angle, dt, feet)
+    def script(self, times: Array) -> Script:
+        hands = np.where(times >= self.begin, TURN_ON, HOLD)
+        return script_of(times, hands, self.rate, self.speed, stops=self.stop)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """Reports A; passes if the car reached 0.375 g, so that the line has its data."""
@@ -77,7 +69,7 @@ def _steer_at_0_3g(vehicle: p.Vehicle, laws: tuple[str, str], friction: float) -
     # The tyres' laws are part of the key: two of them with equal numbers are equal tuples.
     test = SlowlyIncreasingSteer(speed=80 * KMH, friction=friction)
     dt, substep = 0.01, 1e-3
-    road, state, memory = test.road(), rolling_start(vehicle, test.speed), (0.0, dt, pedals(vehicle, dt))
+    road, state, memory = test.road(), rolling_start(vehicle, test.speed), test.at_wheel(vehicle, dt)
     angles, states = [0.0], [state]
     for k in range(round(test.duration / dt)):
         driver, memory = test.drive(memory, k * dt, Car(state))

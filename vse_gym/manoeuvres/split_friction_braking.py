@@ -1,17 +1,19 @@
 """Braking on a road that is slippery on one side: ISO 14512."""
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from vse_gym.manoeuvres.base import DEG, Criterion, Verdict
-from vse_gym.manoeuvres.driver import Pedals
 from vse_gym.manoeuvres.followed import LEFT, Followed, largest, stopping_distance, strayed, true_vehicle, turned_away
 from vse_gym.manoeuvres.path import STRAIGHT, Path
+from vse_gym.manoeuvres.script import FOLLOW, Script, script_of
+from vse_gym.manoeuvres.scripted import Bounds
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import NO_TORQUE, Array, Car, Log
+from vse_gym.types import Array, Log
 
 LANE = 3.5  # width (k) [m]
 BEFORE = 5.0  # the split begins so far before the car starts to brake, so that all wheels are on it (chosen) [m]
@@ -52,13 +54,13 @@ class SplitFrictionBraking(Followed):
     def path(self, vehicle: p.Vehicle) -> Path:
         return STRAIGHT
 
-    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array, Pedals]:
-        if time < self.begin:
-            return super().press(feet, time, car)
-        return NO_TORQUE, feet.brake * self.deceleration, feet
+    def script(self, times: Array) -> Script:
+        brakes = times >= self.begin
+        speed, slowing = np.where(brakes, math.nan, self.speed), np.where(brakes, self.deceleration, 0.0)
+        return script_of(times, FOLLOW, speed=speed, deceleration=slowing)
 
-    def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
-        return abs(car.y) > LEFT
+    def bounds(self, vehicle: p.Vehicle) -> Bounds:
+        return Bounds(STRAIGHT, LEFT)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """Heading and lane are judged until the car stands; a drive that ends before has no stopping distance."""

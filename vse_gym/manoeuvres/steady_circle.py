@@ -7,12 +7,13 @@ from typing import ClassVar
 import numpy as np
 
 from vse_gym.manoeuvres.base import DEG, KMH, Criterion, Verdict, lateral_acceleration
-from vse_gym.manoeuvres.driver import Pedals
 from vse_gym.manoeuvres.followed import LEFT, Followed, largest, strayed, true_vehicle
 from vse_gym.manoeuvres.path import Circle
+from vse_gym.manoeuvres.script import FOLLOW, Script, script_of
+from vse_gym.manoeuvres.scripted import Bounds
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import NO_TORQUE, Array, Car, Log
+from vse_gym.types import Array, Log
 
 FITTED = 3.0  # lateral acceleration up to which the gradient is fitted, on friction 0.9 (chosen) [m/s2]
 
@@ -41,17 +42,13 @@ class SteadyCircle(Followed):
     def path(self, vehicle: p.Vehicle) -> Circle:
         return Circle(self.side * self.radius)
 
-    def wanted(self, time: float) -> float:
-        """Speed that the driver holds [m/s]."""
+    def script(self, times: Array) -> Script:
         last = max(self.speed, math.sqrt(self.most * self.radius))
-        return min(last, self.speed + self.gain * max(0.0, time - self.settle))
+        rising = self.speed + self.gain * np.maximum(0.0, times - self.settle)
+        return script_of(times, FOLLOW, speed=np.minimum(last, rising))
 
-    def press(self, feet: Pedals, time: float, car: Car) -> tuple[Array, Array, Pedals]:
-        feet = feet.hold(self.wanted(time), car)
-        return feet.torque, NO_TORQUE, feet
-
-    def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
-        return abs(self.path(vehicle).stray_of(car.x, car.y)) > LEFT
+    def bounds(self, vehicle: p.Vehicle) -> Bounds:
+        return Bounds(self.path(vehicle), LEFT)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """The circle must be kept and 3 m/s2 reached; the gradient is reported."""

@@ -6,8 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from vse_gym.manoeuvres.base import DEG, Criterion, Verdict, lateral_acceleration
-from vse_gym.manoeuvres.steady_speed import SteadySpeed, held_together
+from vse_gym.manoeuvres.base import DEG, Criterion, Verdict, held_together, lateral_acceleration
+from vse_gym.manoeuvres.script import TURN_TO, Script, ramp, script_of
+from vse_gym.manoeuvres.scripted import Scripted
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.types import Array, Log
@@ -16,7 +17,7 @@ SETTLED = 0.5  # the steady state is the mean of so much at the end of the drive
 
 
 @dataclass(frozen=True)
-class StepSteer(SteadySpeed):
+class StepSteer(Scripted):
     """The hand wheel turns fast to an angle and stays there, at a steady speed: ISO 7401.
 
     80 km/h, at least 200 deg/s, and an amplitude that makes about 4 m/s2 (k); 25 deg is right for the understeering
@@ -33,9 +34,8 @@ class StepSteer(SteadySpeed):
 
     positive: ClassVar[tuple[str, ...]] = ("rate",)
 
-    def hand_wheel(self, time: float) -> float:
-        turned = min(abs(self.amplitude), self.rate * max(0.0, time - self.begin))
-        return math.copysign(turned, self.amplitude)
+    def script(self, times: Array) -> Script:
+        return script_of(times, TURN_TO, ramp(times, self.amplitude, self.rate, self.begin), self.speed)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """No limits in the standard but what it reports."""

@@ -6,25 +6,28 @@ from typing import ClassVar
 
 import numpy as np
 
-from vse_gym.manoeuvres.base import Criterion, Manoeuvre, Verdict
+from vse_gym.manoeuvres.base import Criterion, Verdict
+from vse_gym.manoeuvres.path import STRAIGHT
+from vse_gym.manoeuvres.script import Script, script_of
+from vse_gym.manoeuvres.scripted import Bounds, Scripted
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import Car, Driver, Log
+from vse_gym.types import Array, Log
 
 
 @dataclass(frozen=True)
-class StraightDriving(Manoeuvre):
+class StraightDriving(Scripted):
     """The hand wheel straight, coasting."""
 
     half_lane: float = 1.75  # the centre of gravity leaves the lane beyond this [m]
 
     positive: ClassVar[tuple[str, ...]] = ("half_lane",)
 
-    def drive(self, state: None, time: float, car: Car) -> tuple[Driver, None]:
-        return Driver(), None
+    def script(self, times: Array) -> Script:
+        return script_of(times)
 
-    def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
-        return abs(car.y) > self.half_lane
+    def bounds(self, vehicle: p.Vehicle) -> Bounds:
+        return Bounds(STRAIGHT, self.half_lane)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """No standard has limits here; these are chosen so that a driver would not notice anything."""

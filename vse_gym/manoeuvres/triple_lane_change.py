@@ -8,10 +8,11 @@ from typing import ClassVar
 
 from vse_gym.manoeuvres.base import KMH, Criterion, Verdict, lateral_acceleration
 from vse_gym.manoeuvres.followed import LEFT, Followed, largest, strayed
-from vse_gym.manoeuvres.path import Line
+from vse_gym.manoeuvres.path import STRAIGHT, Line
+from vse_gym.manoeuvres.scripted import Bounds
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
-from vse_gym.types import Car, Log
+from vse_gym.types import Log
 
 LANES = (40.0, 35.0)  # straight before the way over, and beside it before the way back (chosen) [m]
 
@@ -64,8 +65,8 @@ class TripleLaneChange(Followed):
     def path(self, vehicle: p.Vehicle) -> Line:
         return _line(self.side * self.offset, self.swing, self.every * self.speed)
 
-    def off_course(self, car: Car, vehicle: p.Vehicle) -> bool:
-        return abs(car.y) > self.offset + LEFT
+    def bounds(self, vehicle: p.Vehicle) -> Bounds:
+        return Bounds(STRAIGHT, self.offset + LEFT)
 
     def verdict(self, log: Log, nominal: Nominal) -> Verdict:
         """Sideslip and distance from the line."""

@@ -1,0 +1,1 @@
+"""Many drives side by side: a native vector environment, for Gymnasium and for stable-baselines3."""
