@@ -19,7 +19,6 @@ from vse_gym.vector.sb3 import StableBaselinesEnv
 from vse_gym.wrappers import REWARD_SIZE
 
 SOME = ("ekf", "ukf", "ekf_double_track", "ekf_cauchy_gaussian", "truth")  # --estimator random: good, bad and perfect
-SEEDS = 1_000_000_000  # of drives begin here: tables' and tunings' are below
 KMH = 1 / 3.6
 
 
@@ -81,10 +80,7 @@ class Task:
 
 
 def held_out(task: Task) -> Task:
-    """Drives of which training has none: cars that neither it nor a table has, and a faster and a slower speed.
-
-    What is drawn takes the rest of its ranges; friction too, for a net has no idea of it.
-    """
+    """The same drives on cars that neither training nor a table has, and with other sensors."""
     return replace(task, vehicle=("vw_vanagon", "tian2018_electric"), sensors=("cauchy_gaussian", "dropout"))
 
 
@@ -156,7 +152,9 @@ class SideBySide(VecEnv):
         every = [value for part in self.parts for value in part.env_method(method_name, *args, **kwargs)]
         return [every[i] for i in self._get_indices(indices)]
 
-    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
+    def env_is_wrapped(
+        self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: Any = None
+    ) -> list[bool]:
         every = [wrapped for part in self.parts for wrapped in part.env_is_wrapped(wrapper_class)]
         return [every[i] for i in self._get_indices(indices)]
 

@@ -14,16 +14,12 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from sb3_contrib import RecurrentPPO
-from stable_baselines3 import PPO, SAC, TD3
-from stable_baselines3.common.base_class import BaseAlgorithm
+from settings import ALGORITHMS
 from torch import nn
 
 from vse_gym.cli_screen import screen, sentences
 from vse_gym.evaluation.files import write_whole
 from vse_gym.policy import CARD, FORMAT, WEIGHTS, TrainedPolicy, digest
-
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "td3": TD3, "recurrent_ppo": RecurrentPPO}
 
 
 def actor_of(algorithm: str, model: Any) -> tuple[list[nn.Module], nn.LSTM | None, str]:
