@@ -94,8 +94,8 @@ def policy_step(constants, view, memory, heard, hidden, motion, spread, y, steer
 class TrainedPolicy(Controller):
     """An agent that was trained in the loop, as ``agents/train.py`` exports it; it answers without exploring.
 
-    Reads ``policy.npz`` (weights) and ``agent.toml`` of a folder, and runs no code that it finds there. What it sees and
-    how it acts is what :class:`vse_gym.StabilityControlEnv` made of the same estimates and readings in training.
+    Reads ``policy.npz`` (weights) and ``agent.toml`` of a folder, and runs no code that it finds there. What it sees
+    and how it acts is what :class:`vse_gym.StabilityControlEnv` made of the same estimates and readings in training.
 
     Raises:
         PolicyError: If there is no such folder, or what is in it is no agent, or a damaged one.
@@ -106,7 +106,7 @@ class TrainedPolicy(Controller):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", str(self.path))
-        card, net = _loaded(self.path, *_stamps(self.path))
+        card, _ = _loaded(self.path, *_stamps(self.path))
         if self.digest and self.digest != card.weights:
             raise PolicyError(f"{self.path}: its weights are {card.weights}, not {self.digest}")
         object.__setattr__(self, "digest", card.weights)

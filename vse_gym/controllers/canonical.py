@@ -6,8 +6,8 @@ Three things are built in that a net need not learn, the same in training and in
   what an estimator may say at worst, and most of what a drive shows is a hundredth of them.
 - Left and right: an observation in which the driver wants to turn right is mirrored, and the answer mirrored back. So
   what an agent does to one side it does to the other, and it learns from both at once.
-- Where the car goes straight and shall, the answer counts for nothing, and grows as yaw rate or sideslip do: noise alone
-  brakes nobody.
+- Where the car goes straight and shall, the answer counts for nothing, and for more as yaw rate or sideslip grow: noise
+  alone brakes nobody.
 """
 
 import math
@@ -45,15 +45,8 @@ TYPICAL: dict[str, tuple[float, float]] = {
     "roll_rate": (0.0, 0.3),
     **{f"wheel_{w}": (65.0, 33.0) for w in ("fl", "fr", "rl", "rr")},  # SPEED on wheels of 0.31 m [rad/s]
 }
-ODD = (
-    "reference_yaw_rate",
-    "yaw_rate",
-    "sideslip",
-    "vy",
-    "ay",
-    "steer",
-    "roll_rate",
-)  # the first that is not 0 decides
+# Features that change their sign in the mirror; the first that is not 0 decides which side it is
+ODD = ("reference_yaw_rate", "yaw_rate", "sideslip", "vy", "ay", "steer", "roll_rate")
 ACROSS = {"fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl"}
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -89,7 +90,7 @@ def shapes(inputs: int, sizes: Sequence[int], memory: int) -> dict[str, tuple[in
         gates = 4 * memory
         out = {"lstm.weight_ih": (gates, inputs), "lstm.weight_hh": (gates, memory), "lstm.bias": (gates,)}
     widths = (memory or inputs, *sizes)
-    for k, (before, after) in enumerate(zip(widths[:-1], widths[1:], strict=True)):
+    for k, (before, after) in enumerate(pairwise(widths)):
         out |= {f"layers.{k}.weight": (after, before), f"layers.{k}.bias": (after,)}
     return out
 

@@ -5,11 +5,12 @@ which a controller spins the car with true states is that controller's own fault
 controllers and estimators meet the same car, road and noise.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from vse_gym.catalogue import CONTROLLERS
 from vse_gym.controllers.base import Controller
+from vse_gym.evaluation.bench import Progress, quiet
 from vse_gym.evaluation.cells import Cell
 from vse_gym.evaluation.contenders import Contender, Judged, contenders
 from vse_gym.evaluation.drawn import Drawn
@@ -58,7 +59,7 @@ def battery(
     estimators: Judged,
     seeds: int | None = None,
     jobs: int = 1,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = quiet,
 ) -> "polars.DataFrame":
     """The table of a study's drives under each of these controllers, sorted; columns as those of a study.
 
