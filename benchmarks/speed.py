@@ -1,13 +1,14 @@
 """How fast this package is, beside its peers: one table, measured in one run.
 
     python benchmarks/speed.py                     everything
-    python benchmarks/speed.py --only filterpy     one group of rows; the others: env, particles, plant, drive, start,
-                                                   blocks
+    python benchmarks/speed.py --only filterpy     one group of rows; the others: env, vector, particles, plant, drive,
+                                                   start, blocks
 
 A figure is the median of repeats, with the least and the greatest beside it. Here and peer take turns, and a ratio is
 the median of the repeats' own ratios, so that a machine that slows down for a while slows both sides; one repeat more
 than asked for is made first and thrown away. Times are processor time, which waiting for other people's processes does
-not lengthen; only the starts of processes are timed by the clock on the wall. Everything runs in one thread.
+not lengthen; only the starts of processes, and the vector environment with its two threads, are timed by the clock on
+the wall. Everything else runs in one thread.
 
 Peers run in a virtual environment of their own, .venv-peers, made when missing, on the same readings with the same
 compiled model; that they give the same estimates is checked before.

@@ -12,6 +12,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from speed_table import ROOT, Peers, Row, spread
+from speed_vector import collected, stepped
 
 import vse_gym  # noqa: F401  (registers the environments)
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS
@@ -25,7 +26,7 @@ from vse_gym.sensors import stream
 from vse_gym.simulation import rollout, scenario
 from vse_gym.types import Estimate, Reading
 
-GROUPS = ("env", "filterpy", "particles", "plant", "drive", "start", "blocks")
+GROUPS = ("env", "vector", "filterpy", "particles", "plant", "drive", "start", "blocks")
 SAME = 1e-6  # largest difference between estimates that are called the same [SI]
 GENTLE = np.radians(50)  # of the hand wheel, for a car that shall not slide
 CHEAP = 60.0  # most that an update may cost [us]; others by name
@@ -85,6 +86,14 @@ class Bench:
         yield Row(what, "steps/s", ekf, target=15_000)
         yield Row("env.step: sensors, truth, esc", "steps/s", truth, target=25_000)
         yield from (Row(what, "steps/s", ekf, name, rate) for name, rate in zip(names, rates, strict=True))
+
+    def vector(self) -> Iterator[Row]:
+        """The native vector environment, in two threads: times by the clock on the wall."""
+        yield from stepped(self.repeats)
+        try:
+            yield from collected(self.repeats)
+        except ModuleNotFoundError as error:
+            self.notes.append(f"no row of stable-baselines3: {error}")
 
     def filterpy(self) -> Iterator[Row]:
         """A filter's step, with the loop inside compiled code and called from Python, beside filterpy's."""

@@ -9,6 +9,9 @@ import pytest
 from vse_gym import testing
 from vse_gym.catalogue import MANOEUVRES
 from vse_gym.manoeuvres.base import Criterion, Manoeuvre, Verdict
+from vse_gym.manoeuvres.path import Line
+from vse_gym.manoeuvres.script import FOLLOW, TURN_TO, ramp, script_of
+from vse_gym.manoeuvres.scripted import Bounds, Scripted
 from vse_gym.physics import parameters as p
 from vse_gym.physics.parameters import Road
 from vse_gym.testing import MANOEUVRE_CHECKS
@@ -263,9 +266,30 @@ BROKEN_MANOEUVRES = [
 ]
 
 
+@dataclass(frozen=True)
+class Settles(Scripted):
+    """Keeps every promise in compiled code: turns the hand wheel and lets go, then follows a line beside the lane."""
+
+    duration: float = 2.5
+    amplitude: float = 0.3  # of the hand wheel; positive: to the left [rad]
+
+    def script(self, times):
+        hands = np.where(times < 0.5, TURN_TO, FOLLOW)
+        return script_of(times, hands, ramp(times, self.amplitude, 2.0, 0.1), self.speed)
+
+    def path(self, vehicle):
+        return Line(((10.0, 30.0, math.copysign(1.0, self.amplitude)),))
+
+    def bounds(self, vehicle):
+        return Bounds(self.path(vehicle), 3.0)
+
+    verdict = Swerve.verdict
+
+
 @pytest.mark.parametrize("check", MANOEUVRE_CHECKS, ids=name_of)
-def test_an_honest_manoeuvre_from_outside_passes(check, nominal, drive):
-    check(Swerve(), nominal, drive.times, drive.cars)
+@pytest.mark.parametrize("honest", [Swerve(), Settles()], ids=["by Python", "by script"])
+def test_an_honest_manoeuvre_from_outside_passes(honest, check, nominal, drive):
+    check(honest, nominal, drive.times, drive.cars)
 
 
 @pytest.mark.parametrize(

@@ -147,8 +147,11 @@ class Sensors:
         )
 
     def _noise(self, steps: int, dt: float, seed: int) -> Array:
-        fitted = stream(seed, "sensors/noise").standard_normal((steps, FITTED))
-        unit = np.hstack((fitted, stream(seed, "sensors/optional").standard_normal((steps, OPTIONAL))))
+        sigma = _sigma(self.sheet)
+        unit = np.zeros((steps, len(CHANNELS)))
+        unit[:, :FITTED] = stream(seed, "sensors/noise").standard_normal((steps, FITTED))
+        if np.isfinite(sigma[FITTED:]).any():
+            unit[:, FITTED:] = stream(seed, "sensors/optional").standard_normal((steps, OPTIONAL))
         growth = growing_sigma(dt * np.arange(steps, dtype=float), self.growth, *self.growing)[:, None]
         for at, name in self._inertial():
             if self.alpha < 2:
@@ -157,7 +160,7 @@ class Sensors:
             elif self.freedom < math.inf:
                 unit[:, at] = student_t(unit[:, at], self.freedom, stream(seed, f"sensors/student{name}"))
             unit[:, at] *= growth
-        return unit * _sigma(self.sheet) * float(self.noise)
+        return unit * sigma * float(self.noise)
 
     def _offset(self, steps: int, dt: float, seed: int) -> Array:
         bias, walk, burst = (
@@ -171,9 +174,11 @@ class Sensors:
         out = np.zeros((steps, len(CHANNELS)))
         for at, name in self._inertial():
             n = out[0, at].size
-            out[:, at] += bias[at] * stream(seed, f"sensors/bias{name}").choice([-1.0, 1.0], n)
-            rng = stream(seed, f"sensors/bursts{name}")
-            out[:, at] += burst[at] * episodes(self.burst_rate, *self.burst, steps, n, dt, rng)
+            if bias.any():
+                out[:, at] += bias[at] * stream(seed, f"sensors/bias{name}").choice([-1.0, 1.0], n)
+            if self.burst_rate > 0:
+                rng = stream(seed, f"sensors/bursts{name}")
+                out[:, at] += burst[at] * episodes(self.burst_rate, *self.burst, steps, n, dt, rng)
             if walk.any():
                 out[:, at] += walk[at] * random_walk(steps, n, dt, stream(seed, f"sensors/walk{name}"))
         return out
@@ -181,8 +186,8 @@ class Sensors:
     def _silent(self, steps: int, dt: float, seed: int, aboard: NDArray[np.bool_]) -> NDArray[np.bool_]:
         silent = np.tile(~aboard, (steps, 1))
         for at, name in ((slice(0, FITTED), ""), (slice(FITTED, None), "/optional")):
-            rng, n = stream(seed, f"sensors/silence{name}"), aboard[at].size
-            if aboard[at].any():
+            if self.silence_rate > 0 and aboard[at].any():
+                rng, n = stream(seed, f"sensors/silence{name}"), aboard[at].size
                 silent[:, at] |= episodes(self.silence_rate, *self.silence, steps, n, dt, rng) != 0
         return silent
 

@@ -9,25 +9,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
-from vse_gym.manoeuvres.driver import (
-    DRIVER,
-    FASTEST,
-    NEEDLE,
-    SLOWEST,
-    Skill,
-    Steering,
-    pedals,
-    practised,
-    riccati,
-    stepped,
-)
+from vse_gym.compiled import hold
+from vse_gym.manoeuvres.driver import DRIVER, Skill, Steering, pedals, practised, riccati, stepped
 from vse_gym.manoeuvres.path import STRAIGHT, Circle, Line
-from vse_gym.models import Nominal
+from vse_gym.manoeuvres.script import (
+    FASTEST,
+    FOLLOW,
+    NEEDLE,
+    PRESSED,
+    SLOWEST,
+    Task,
+    drive_at,
+    first_memory,
+    script_of,
+)
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import advance, rolling_start
-from vse_gym.sensors import QUIET
 from vse_gym.simulation import rollout, scenario
-from vse_gym.types import Car
 from vse_gym.vehicles import load, names
 
 DT = 0.01
@@ -35,8 +33,11 @@ KMH = 1 / 3.6
 every_car = pytest.mark.parametrize("car", names())
 
 
-def told(vehicle, speed=20.0, dt=DT):
-    return Nominal(vehicle, QUIET, speed, dt=dt)
+def followed(vehicle, path, speed=20.0, driver=DRIVER, dt=DT):
+    """A driver who follows a line and holds a speed for ever: his task, held, and his memory at the start."""
+    script = script_of(np.zeros(1), FOLLOW, speed=speed)
+    task = Task(script, path.guide, driver.arms(vehicle, dt), pedals(vehicle, dt), STRAIGHT.guide, math.inf, dt)
+    return hold(task), first_memory(task)
 
 
 def skill_of(driver, dt=DT):
@@ -121,16 +122,15 @@ def test_no_car_sways_on_a_straight_road_at_any_speed_below_its_critical_one(car
 
 def run(vehicle, path, speed, seconds, offset=0.0, yaw=0.0, driver=DRIVER):
     """The plant under the driver, speed held: states (T, STATE_SIZE) and hand-wheel angles (T,)."""
-    hands, feet, state = driver.init(told(vehicle, speed)), pedals(vehicle, DT), rolling_start(vehicle, speed)
+    (task, memory), state = followed(vehicle, path, speed, driver), rolling_start(vehicle, speed)
     state[p.Y], state[p.YAW] = offset, yaw
     states, angles = [state], [0.0]
     for _ in range(round(seconds / DT)):
-        hands = driver.steer(hands, path, Car(state))
-        feet = feet.hold(speed, Car(state))
-        inputs = p.Inputs(hands.angle, feet.torque, np.zeros(4))
+        angle, torque, _, memory = drive_at(task, memory, 0.0, state)
+        inputs = p.Inputs(angle / vehicle.steering_ratio, torque, np.zeros(4))
         state = advance(vehicle, p.road((0.0, 0.9)), state, inputs, 10, 1e-3)
         states.append(state)
-        angles.append(hands.angle * vehicle.steering_ratio)
+        angles.append(angle)
     return np.array(states), np.array(angles)
 
 
@@ -171,25 +171,25 @@ def test_hands_stay_within_their_reach_and_speed_whatever_the_car_does(values, p
     vehicle = load("qin2014")
     state = np.zeros(p.STATE_SIZE)
     state[:6] = values
-    hands, ratio = DRIVER.init(told(vehicle)), vehicle.steering_ratio
+    task, memory = followed(vehicle, path)
     last = 0.0
     for _ in range(30):
-        hands = DRIVER.steer(hands, path, Car(state))
-        assert abs(hands.angle - last) * ratio <= DRIVER.rate * DT * (1 + 1e-9)
-        assert abs(hands.angle) * ratio <= DRIVER.limit * (1 + 1e-9)
-        last = hands.angle
+        angle, _, _, memory = drive_at(task, memory, 0.0, state)
+        assert abs(angle - last) <= DRIVER.rate * DT * (1 + 1e-9)
+        assert abs(angle) <= DRIVER.limit * (1 + 1e-9)
+        last = angle
 
 
 @pytest.mark.parametrize("dt", [0.005, 0.01, 0.02])
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.2])
 def test_hands_begin_to_move_when_the_delay_is_over(delay, dt):
     driver, vehicle = Steering(delay=delay), load("qin2014_understeer")
-    hands, state = driver.init(told(vehicle, dt=dt)), rolling_start(vehicle, 20.0)
+    (task, memory), state = followed(vehicle, STRAIGHT, driver=driver, dt=dt), rolling_start(vehicle, 20.0)
     state[p.Y] = 1.0
     moved = []
     for _ in range(round(0.4 / dt)):
-        hands = driver.steer(hands, STRAIGHT, Car(state))
-        moved.append(hands.angle != 0)
+        angle, _, _, memory = drive_at(task, memory, 0.0, state)
+        moved.append(angle != 0)
     # What he sees now he decides on now, and begins after the delay.
     assert moved.index(True) * dt == pytest.approx(delay + dt)
 
@@ -199,11 +199,12 @@ def test_gains_go_over_into_each_other_without_a_jump(speed):
     vehicle = load("qin2014_understeer")
     state = rolling_start(vehicle, speed)
     state[p.Y], state[p.VY], state[p.YAW_RATE] = 0.3, 0.2, 0.1
+    task, memory = followed(vehicle, STRAIGHT)
     wanted = []
     for v in (speed, speed + 1e-7):
         state[p.VX] = v
-        wanted.append(DRIVER.steer(DRIVER.init(told(vehicle)), STRAIGHT, Car(state)).pending[-1])
-    assert wanted[1] == pytest.approx(wanted[0], abs=1e-6)
+        wanted.append(drive_at(task, memory, 0.0, state)[3][-1])
+    assert wanted[1] == pytest.approx(wanted[0], abs=1e-6 * vehicle.steering_ratio)
 
 
 @every_car
@@ -227,8 +228,10 @@ def test_a_driver_who_cannot_be_is_refused(name, wrong):
 
 def test_the_foot_does_not_tell_a_speed_more_finely_than_the_needle_shows():
     # Estimators know the drive torque: two speeds that the needle shows alike must press the pedal alike.
-    feet, states = pedals(load("qin2014"), DT), [rolling_start(load("qin2014"), v / 3.6) for v in (77.1, 78.9, 79.1)]
-    pressed = [feet.hold(80 / 3.6, Car(state)).pressed for state in states]
+    vehicle = load("qin2014")
+    task, memory = followed(vehicle, STRAIGHT, 80 / 3.6)
+    states = [rolling_start(vehicle, v / 3.6) for v in (77.1, 78.9, 79.1)]
+    pressed = [drive_at(task, memory, 0.0, state)[3][PRESSED] for state in states]
     assert pressed[0] == pressed[1] > pressed[2] == 0.0
 
 

@@ -42,7 +42,7 @@ def practised(vehicle: Vehicle, skill: Skill) -> Array:
     prices[:, 0], prices[:, 1] = 1.0, (skill.heading * speeds) ** 2
     price = (skill.calm / skill.dt) ** 2
     cost = riccati(f, b, prices, price)
-    table = np.array([_row(skill, *each, b, price) for each in zip(speeds, f, prices, cost, strict=True)])
+    table = np.ascontiguousarray(_rows(skill, speeds, f, prices, cost, b, price))
     table.flags.writeable = False
     return table
 
@@ -86,29 +86,30 @@ def riccati(f: Array, b: Array, prices: Array, price: float) -> Array:
     return h
 
 
-def _row(skill: Skill, v: float, f: Array, prices: Array, cost: Array, b: Array, price: float) -> Array:
-    """A row of gains. With a delay the best is to do what would be best without, in the state that will be then."""
-    scale = price + b @ cost @ b
-    prompt = b @ cost @ f / scale
-    then = np.eye(6, 6 + skill.delay)  # from what is and is on its way to what will be
-    then[5] = 0.0
-    then[5, -1] = 1.0
+def _rows(skill: Skill, v: Array, f: Array, prices: Array, cost: Array, b: Array, price: float) -> Array:
+    """Rows of gains. With a delay the best is to do what would be best without, in the state that will be then."""
+    scale = price + cost @ b @ b
+    prompt = (b @ cost)[:, None] @ f / scale[:, None, None]  # (speeds, 1, 6)
+    then = np.tile(np.eye(6, 6 + skill.delay), (v.size, 1, 1))  # from what is and is on its way to what will be
+    then[:, 5] = 0.0
+    then[:, 5, -1] = 1.0
     for k in range(skill.delay):
-        then[:5] = f[:5, :5] @ then[:5]
-        then[:5, 5 + k] += f[:5, 5]
-    gain = prompt @ then
+        then[:, :5] = f[:, :5, :5] @ then[:, :5]
+        then[:, :5, 5 + k] += f[:, :5, 5]
+    gain = (prompt @ then)[:, 0]
     # What one metre of offset, and one radian of heading, of the line k steps ahead ask for now
     steps = round(skill.reach[-1] / skill.dt)
-    asks, closed, pull = np.zeros((steps + 2, 2)), f - np.outer(b, prompt), np.diag(prices)[:, :2]
+    asks, closed = np.zeros((steps + 2, v.size, 2)), np.swapaxes(f - b[:, None] * prompt, 1, 2)
+    pull = (prices[:, :, None] * np.eye(6))[:, :, :2]
     for k in range(skill.delay + 1, steps + 1):
-        asks[k] = pull[-1] / scale
-        pull = closed.T @ pull
-    fine = asks[:, 0] - np.gradient(asks[:, 1]) / (v * skill.dt)  # the line's heading is the slope of its offsets
+        asks[k] = pull[:, -1] / scale[:, None]
+        pull = closed @ pull
+    fine = asks[..., 0] - np.gradient(asks[..., 1], axis=0) / (v * skill.dt)  # the line's heading is its slope
     # Shared out between the preview points before and behind
-    at = np.clip(np.arange(fine.size) * skill.dt / skill.reach[0] - 1, 0.0, len(skill.reach) - 1.0)
+    at = np.clip(np.arange(steps + 2.0) * skill.dt / skill.reach[0] - 1, 0.0, len(skill.reach) - 1.0)
     ahead = np.maximum(0.0, 1 - np.abs(at - np.arange(len(skill.reach))[:, None])) @ fine
-    gain[-1] -= 1.0  # from the change of the angle to the angle
-    return np.concatenate((ahead, -gain[2:]))
+    gain[:, -1] -= 1.0  # from the change of the angle to the angle
+    return np.hstack((ahead.T, -gain[:, 2:]))
 
 
 @dataclass(frozen=True)

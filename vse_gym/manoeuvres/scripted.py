@@ -9,7 +9,7 @@ import numpy as np
 
 from vse_gym.compiled import hold
 from vse_gym.manoeuvres.base import Manoeuvre
-from vse_gym.manoeuvres.driver import pedals
+from vse_gym.manoeuvres.driver import DRIVER, pedals
 from vse_gym.manoeuvres.path import STRAIGHT, Path, strayed_beyond
 from vse_gym.manoeuvres.script import FOLLOW, Arms, Script, Task, drive_at, first_memory
 from vse_gym.models import Nominal
@@ -32,6 +32,7 @@ class Bounds(NamedTuple):
 
 
 EVERYWHERE = Bounds()
+NO_ARMS = Arms(np.empty((0, 0)), np.empty(0), 0.0, 0.0, 0.0)  # of a driver who follows no line
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Scripted(Manoeuvre):
 
     def arms(self, vehicle: Vehicle, dt: float) -> Arms:
         """How the driver steers along the line."""
-        return Arms(np.empty((0, 0)), np.empty(0), 0.0, 0.0, 0.0)
+        return DRIVER.arms(vehicle, dt)
 
     def task(self, vehicle: Vehicle, dt: float) -> Task:
         """All that stays the same in a drive of a car whose driver acts every dt seconds.
@@ -68,8 +69,8 @@ class Scripted(Manoeuvre):
         path, bounds = self.path(vehicle), self.bounds(vehicle)
         if path is None and np.any(script.hands == FOLLOW):
             raise ValueError(f"{type(self).__name__}: its script follows a line, but it has no path")
-        guide, arms = (path or STRAIGHT).guide, self.arms(vehicle, dt)
-        return Task(script, guide, arms, pedals(vehicle, dt), bounds.path.guide, float(bounds.room), dt)
+        guide, arms = (STRAIGHT.guide, NO_ARMS) if path is None else (path.guide, self.arms(vehicle, dt))
+        return Task(script, guide, arms, pedals(vehicle, dt), bounds.path.guide, float(bounds.room), float(dt))
 
     def at_wheel(self, vehicle: Vehicle, dt: float) -> AtWheel:
         """The driver's state at the start, in a car that he knows and acts in every dt seconds."""
