@@ -116,5 +116,8 @@ def draw(path: Path, runs: object) -> None:
     figure.savefig(path, dpi=110)
 
 
+app = typer.Typer(add_completion=False)
+app.command()(main)
+
 if __name__ == "__main__":
-    typer.run(main)
+    app()

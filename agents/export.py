@@ -127,5 +127,8 @@ def main(
     screen.print(f"written: {out}")
 
 
+app = typer.Typer(add_completion=False)
+app.command()(main)
+
 if __name__ == "__main__":
-    typer.run(main)
+    app()

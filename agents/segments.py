@@ -56,6 +56,7 @@ class Run:
         settings: As :func:`settings.read` has them.
         seed: Of everything.
         steps: At least so many; a segment ends with a rollout.
+        drives: Of each evaluation.
     """
 
     algorithm: str
@@ -63,6 +64,7 @@ class Run:
     settings: Mapping[str, Any]
     seed: int
     steps: int
+    drives: int = DRIVES  # of an evaluation
     segment: int = 0  # that comes next
     curve: list[Point] = field(default_factory=list)
     best: dict[str, Any] = field(default_factory=dict)  # parameters of the policy that drove best on held-out drives
@@ -70,7 +72,7 @@ class Run:
     def __post_init__(self) -> None:
         self.env = make_envs(self.task, self.settings["n_envs"])
         self.model: Any = make(self.algorithm, self.settings, self.env, self.seed)
-        self.judge = Judge(self.task)
+        self.judge = Judge(self.task, self.drives)
 
     @property
     def segments(self) -> int:
@@ -173,21 +175,19 @@ def _fill(model: Any, kept: Mapping[str, Any]) -> None:
 class Told(BaseCallback):
     """Says how far it is."""
 
-    def __init__(self, progress: Progress, every: int = 2000):
+    def __init__(self, progress: Progress):
         super().__init__()
-        self._progress, self._every, self._last = progress, every, 0
+        self._progress = progress
 
     def _on_step(self) -> bool:
-        if self.num_timesteps - self._last >= self._every:
-            self._last = self.num_timesteps
-            self._progress(self.num_timesteps)
+        self._progress(self.num_timesteps)
         return True
 
 
 class Judge:
     """Drives on held-out cars, sensors and seeds, without exploring: the same for every agent of a task."""
 
-    def __init__(self, task: Task, drives: int = DRIVES):
+    def __init__(self, task: Task, drives: int):
         self.env: VecEnv = make_envs(held_out(task), drives)
 
     def drive(self, model: BaseAlgorithm | None) -> tuple[np.ndarray, np.ndarray]:

@@ -24,7 +24,7 @@ from curve import draw_curve
 from environments import SOME, Task
 from export import toml, write_agent
 from rich.markup import escape
-from segments import CHECKPOINT, DRIVES, Judge, Point, Run
+from segments import CHECKPOINT, Judge, Point, Run
 from settings import read
 from stable_baselines3.common.logger import configure
 
@@ -126,10 +126,10 @@ def finish(folder: Path, run: Run, seconds: float) -> None:
         writer = csv.writer(file)
         writer.writerows([Point._fields, *([f"{value:.6g}" for value in point] for point in run.curve)])
     idle, _ = run.judge.drive(None)
-    nobody, _ = Judge(Task(**{**vars(run.task), "controller": "none"})).drive(None)
+    nobody, _ = Judge(Task(**{**vars(run.task), "controller": "none"}), run.drives).drive(None)
     best = max(run.curve, key=lambda point: point.held_out)
     evaluation = {
-        "drives": DRIVES,
+        "drives": run.drives,
         "mean_return": round(best.held_out, 2),
         "ended_early_percent": round(100 * best.ended_early, 1),
         "controller_alone": round(float(idle.mean()), 2),
@@ -158,5 +158,8 @@ def finish(folder: Path, run: Run, seconds: float) -> None:
     screen.print(f"written: {escape(str(folder))}", highlight=False)
 
 
+app = typer.Typer(add_completion=False)
+app.command()(main)
+
 if __name__ == "__main__":
-    typer.run(main)
+    app()

@@ -132,8 +132,8 @@ class TrainedPolicy(Controller):
         asked, base = underneath.act(base, estimate, reading)
         known = (np.array(estimate[:5]), estimate.cov.diagonal().copy(), reading.y, reading.steer)
         demand = as_torques(asked.added, asked.release)
-        added, release, *after = policy_step(constants, view, memory, heard, hidden, *known, *demand)
-        return BrakeDemand(added, release), PolicyState(constants, view, *after, (underneath, base))
+        added, release, memory, heard, hidden = policy_step(constants, view, memory, heard, hidden, *known, *demand)
+        return BrakeDemand(added, release), PolicyState(constants, view, memory, heard, hidden, (underneath, base))
 
 
 # -- the files --------------------------------------------------------------------------------------------------------

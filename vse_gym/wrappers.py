@@ -52,5 +52,5 @@ class CanonicalView(gymnasium.Wrapper[NDArray[np.float32], NDArray[np.float32], 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Drive on to the next reading."""
         turned = _from(self._form, np.asarray(action, dtype=np.float32), self._side, self._counts)
-        observation, reward, *ended, info = self.env.step(turned)
-        return self._seen(observation), float(reward) / REWARD_SIZE, *ended, info
+        observation, reward, terminated, truncated, info = self.env.step(turned)
+        return self._seen(observation), float(reward) / REWARD_SIZE, terminated, truncated, info
