@@ -22,7 +22,7 @@ from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.randomise import Randomise
-from vse_gym.reward import INTERVENTION, MOVING, PEAK, SQUARES, Worth, step_reward, tally
+from vse_gym.reward import INTERVENTION, MOVING, PEAK, SQUARES, Worth, reward_memory, step_reward, tally
 from vse_gym.sensors import Sensors
 from vse_gym.simulation import Frame, Scenario, Simulation
 from vse_gym.types import NO_BRAKE, Array, BrakeDemand, Estimate
@@ -48,7 +48,9 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         0.3 min(1, |sideslip|/10 deg)           the car points where it goes
         + 0.2 min(1, |yaw rate - reference|/20 deg/s)   it turns as the driver wants
         + 0.1 mean(torque asked for/cap)        brakes cost
-        + 0.4 min(1, speed lost/start speed))   and so does speed: standing still is no answer
+        + 0.4 min(1, |speed - wanted|/start speed))   and so does speed: standing still is no answer, nor rolling on
+        The wanted speed is the one at the start; from when the driver brakes, what his brakes and the road make of it.
+        Until then more speed costs nothing.
         When a drive ends early, -1 for every step that was left.
 
     Terminated: |sideslip| > 80 deg, off course, or anything not finite. Truncated: the manoeuvre's duration.
@@ -120,8 +122,9 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         told = self.scenario.nominal
         self._law_state = self.controller.init(told)
         self._view = self.encoder.view(told)
-        self._seen = self._wanted = np.zeros(2)  # memories of the two reference yaw rates
+        self._seen = np.zeros(2)
         self._worth = worth(self.scenario)
+        self._wanted = reward_memory(self._worth.value)
         self._geometry = told.vehicle.geometry
         self._totals = np.zeros(4)
         return self._observe(frame), self._info(frame)
@@ -138,7 +141,8 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         frame = simulation.step(demand)
         state, added = frame.truth.state, demand.added
         self._totals = tally(self._worth, self._totals, state, _motion(frame.estimate), added, demand.release)
-        reward, self._wanted = step_reward(self._worth, self._wanted, state, simulation.steer, added)
+        seen = (state, simulation.steer, added, simulation.driver.brake, simulation.friction)
+        reward, self._wanted = step_reward(self._worth, self._wanted, *seen)
         observation = self._observe(frame)
         terminated = bool(simulation.ended)
         if terminated:
@@ -221,10 +225,10 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
 
 def worth(scenario: Scenario) -> Any:
     """What the reward of a scenario's drives is measured by: a Worth, held for compiled code."""
-    told = scenario.nominal
-    reference = StabilityControl().reference(told)
-    caps, start = np.array(told.vehicle.brake_caps, dtype=float), float(scenario.manoeuvre.speed)
-    return hold(Worth(reference, caps, start, float(scenario.dt)))
+    told, car = scenario.nominal, scenario.vehicle
+    reference, caps = StabilityControl().reference(told), np.array(told.vehicle.brake_caps, dtype=float)
+    braking = 1.0 / (car.mass * car.wheel_radius)
+    return hold(Worth(reference, caps, float(scenario.manoeuvre.speed), braking, float(scenario.dt)))
 
 
 def _motion(estimate: Estimate) -> Array:

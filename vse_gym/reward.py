@@ -7,7 +7,7 @@ import numpy as np
 
 from vse_gym.compiled import compiled
 from vse_gym.controllers.reference import Reference, follow_reference
-from vse_gym.physics.parameters import AY, VX, VY, YAW_RATE
+from vse_gym.physics.parameters import AY, GRAVITY, VX, VY, YAW_RATE
 from vse_gym.types import SLOW, Array
 
 # The reward's weights, and the size of each error at which its term is full
@@ -23,26 +23,40 @@ class Worth(NamedTuple):
     reference: Reference  # what the driver is taken to want
     caps: Array  # largest brake torque of each wheel, (4,) [N m]
     start: float  # speed at the start [m/s]
+    braking: float  # deceleration for each newton metre of the driver's brake torque, of the true car [1/(kg m)]
     dt: float  # [s]
 
 
+def reward_memory(worth: Worth) -> Array:
+    """What :func:`step_reward` remembers, at the start of a drive."""
+    return np.array([0.0, 0.0, worth.start])
+
+
 @compiled
-def step_reward(constants, memory, state, steer, added):
+def step_reward(constants, memory, state, steer, added, brake, friction):
     """The reward of a step, in [-1, 1]; what an early end costs comes on top.
 
     Args:
         constants: The Worth, held.
-        memory: Reference yaw rate of the true states [rad/s] and envelope of |ay| [m/s2], (2,).
+        memory: Reference yaw rate of the true states [rad/s], envelope of |ay| [m/s2], and the speed that the driver
+            wants [m/s], (3,): he wants his first until he brakes, then what the road lets him have.
         state: Of the plant after the step, (STATE_SIZE,).
         steer: True road-wheel angle [rad].
         added: Torques that were asked for, (4,) [N m].
+        brake: The driver's torques, (4,) [N m].
+        friction: Of the road [-].
 
     Returns:
         reward, and the memory one step on.
     """
     worth = constants.value
     vx, vy = state[VX], state[VY]
-    after = np.empty(2)
+    after = np.empty(3)
+    slowing = min(worth.braking * (brake[0] + brake[1] + brake[2] + brake[3]), friction * GRAVITY)
+    after[2] = max(0.0, memory[2] - worth.dt * slowing)
+    apart = after[2] - math.hypot(vx, vy)
+    if after[2] == worth.start:  # who has not braked may well drive faster
+        apart = max(0.0, apart)
     after[0], after[1] = follow_reference(worth.reference, memory[0], memory[1], vx, state[AY], steer)
     braked = 0.0
     for i in range(4):
@@ -51,9 +65,9 @@ def step_reward(constants, memory, state, steer, added):
         SIDESLIP * min(1.0, abs(math.atan2(vy, max(vx, 1.0))) / FULL_SIDESLIP)
         + YAW_WEIGHT * min(1.0, abs(state[YAW_RATE] - after[0]) / FULL_YAW_RATE)
         + BRAKE * 0.25 * braked
-        + SPEED * min(1.0, max(0.0, 1 - math.hypot(vx, vy) / worth.start))
+        + SPEED * min(1.0, abs(apart) / worth.start)
     )
-    return (1 - 2 * cost if math.isfinite(cost) else -1.0), after
+    return (1 - 2 * cost if math.isfinite(vx + vy + state[YAW_RATE]) else -1.0), after
 
 
 @compiled

@@ -239,6 +239,7 @@ class Simulation:
         if held.shape != (4, 4) or not math.isfinite(sum(held.ravel().tolist())):
             raise ValueError(f"drive, brake, added and release are four finite numbers each, not {held.tolist()}")
         estimate = self.frame.estimate
+        self.driver = driver._replace(brake=held[1])
         self.hand_wheel, self.steer, self.k = driver.hand_wheel, steer, self.k + 1
         velocity = (estimate.vx, estimate.vy, estimate.yaw_rate)
         if self._multibody is not None:

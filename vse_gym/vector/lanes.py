@@ -20,10 +20,12 @@ from vse_gym.ending import GOES_ON, OFF_COURSE, ending
 from vse_gym.inference.gaussian import covariance, filter_update
 from vse_gym.manoeuvres.path import strayed_beyond
 from vse_gym.manoeuvres.script import drive_car
+from vse_gym.physics.double_track import road_friction
 from vse_gym.physics.parameters import (
     AX,
     AY,
     BRAKE_WORK,
+    DISTANCE,
     STATE_SIZE,
     VX,
     VY,
@@ -71,7 +73,8 @@ class Lanes(NamedTuple):
     base: Array  # what it asks for: torques and shares, (n, 2, 4)
     asked: Array  # the same with the agent's action, (n, 2, 4)
     seen: Array  # memory of the observation, (n, 2)
-    wanted: Array  # memory of the reward, (n, 2)
+    wanted: Array  # memory of the reward, (n, 3)
+    brake: Array  # the driver's torques, (n, 4) [N m]
     totals: Array  # see vse_gym.reward.tally, (n, 4)
     ended: NDArray[np.int64]  # why, see vse_gym.ending, (n,)
     reward: Array  # (n,)
@@ -109,7 +112,8 @@ def lanes(rows: int, unit: int, delay: int, driver: int, belief: int, features: 
         base=real(2, 4),
         asked=real(2, 4),
         seen=real(2),
-        wanted=real(2),
+        wanted=real(3),
+        brake=real(4),
         totals=real(4),
         ended=whole(),
         reward=real(),
@@ -156,7 +160,7 @@ def drive_rows(index, held, plants, tasks, actions, by_moment, runge_kutta, subs
         demand = agent_demand(geometry, v.base[i, 0], v.base[i, 1], actions[i], by_moment, m[0], m[2], v.u[i, U_STEER])
         hand_wheel, drive, brake, driver = drive_car(tasks[i].value, v.driver[i], v.k[i], v.state[i])
         for j in range(4):
-            v.asked[i, 0, j], v.asked[i, 1, j] = demand[0][j], demand[1][j]
+            v.asked[i, 0, j], v.asked[i, 1, j], v.brake[i, j] = demand[0][j], demand[1][j], brake[j]
             torques[0, j], torques[1, j], torques[2, j], torques[3, j] = drive[j], brake[j], demand[0][j], demand[1][j]
         for j in range(driver.size):
             v.driver[i, j] = driver[j]
@@ -229,7 +233,7 @@ def complete_rows(index, held):
 
 
 @compiled
-def judge_rows(index, held, worths, tasks):
+def judge_rows(index, held, plants, worths, tasks):
     """Whether each row's drive is over, what it has cost so far and what the step was worth."""
     v = held.value
     for i in index:
@@ -239,7 +243,9 @@ def judge_rows(index, held, worths, tasks):
         if v.ended[i] == GOES_ON and task.room < math.inf and strayed_beyond(task.bounds, task.room, x[X], x[Y]):
             v.ended[i] = OFF_COURSE
         v.totals[i] = tally(worths[i], v.totals[i], x, m, added, release)
-        v.reward[i], v.wanted[i] = step_reward(worths[i], v.wanted[i], x, v.steer[i], added)
+        _, _, vehicle, road, _ = plants[i].value
+        friction = road_friction(vehicle, road, x[DISTANCE])
+        v.reward[i], v.wanted[i] = step_reward(worths[i], v.wanted[i], x, v.steer[i], added, v.brake[i], friction)
         if v.ended[i] != GOES_ON:
             v.reward[i] -= v.steps[i] - v.k[i]
 

@@ -20,6 +20,7 @@ from vse_gym.manoeuvres.scripted import is_scripted
 from vse_gym.physics import parameters as p
 from vse_gym.physics.brakes import released_brakes
 from vse_gym.physics.double_track import rolling_start
+from vse_gym.reward import reward_memory
 from vse_gym.sensing import read_sensors, unread_sensors
 from vse_gym.sensors import stream
 from vse_gym.simulation import Scenario
@@ -103,6 +104,7 @@ class Rows:
         self._held = hold(self.lanes)
         self._drawn: list[tuple[Scenario, Estimator] | None] = [None] * count
         self._beliefs: list[Array] = [np.empty(0)] * count  # of each row, before its first reading
+        self._memories: list[Array] = [np.empty(0)] * count  # of each row's reward, at the start
         self._kinds: list[Any] = [None] * count  # of each row's filter; None: true states
         self._filters: dict[Any, Any] = {}  # lists of rule and model, by kind
         self._lists: dict[str, Any] = {}  # of what every row has
@@ -118,9 +120,10 @@ class Rows:
         s, row = scenario, np.array([i])
         record = s.sensors.record(s.steps + 1, s.dt, seed)
         self._put("plants", i, hold((s.brake_unit, s.nominal.vehicle.geometry, s.vehicle, s.road, record)))
-        for array in (v.unit, v.driver, v.law, v.base, v.asked, v.seen, v.wanted, v.totals):
+        for array in (v.unit, v.driver, v.law, v.base, v.asked, v.seen, v.totals):
             array[i] = 0.0
         v.k[i], v.steps[i], v.depth[i], v.ended[i], v.steer[i], v.reward[i] = 0, s.steps, 1 + record.delay, 0, 0.0, 0.0
+        v.wanted[i] = self._memories[i]
         v.state[i] = rolling_start(s.vehicle, s.manoeuvre.speed)
         rest, memory = p.Inputs(0.0, NO_TORQUE, NO_TORQUE), unread_sensors(record.delay, v.state[i])
         v.u[i], v.y[i], v.sensed[i, : v.depth[i]] = read_sensors(record, 0, v.state[i], rest, memory)
@@ -143,7 +146,7 @@ class Rows:
         way = (self._runge_kutta, self._substeps, self._substep)
         drive_rows(index, held, lists["plants"], lists["tasks"], actions, self._by_moment, *way)
         self._estimate(index)
-        judge_rows(index, held, lists["worths"], lists["tasks"])
+        judge_rows(index, held, lists["plants"], lists["worths"], lists["tasks"])
         observe_rows(index, held, lists["views"], self._layout)
 
     def describe(self) -> Array:
@@ -169,7 +172,9 @@ class Rows:
         self._drawn[i] = (s, estimator)
         self._put("tasks", i, s.manoeuvre.init(replace(told, vehicle=s.vehicle)).task)
         self._put("views", i, self.encoder.view(told))
-        self._put("worths", i, worth(s))
+        worthy = worth(s)
+        self._put("worths", i, worthy)
+        self._memories[i] = reward_memory(worthy.value)
         if isinstance(self.controller, MomentControl):
             self._put("laws", i, self.controller.init(told).constants)
         self._kinds[i] = None
