@@ -40,7 +40,7 @@ class Point(NamedTuple):
     """One point of a learning curve."""
 
     steps: int
-    training: float  # mean return of the last hundred drives that explored; NaN: none is over yet
+    training: float  # mean return of the segment's last hundred drives, which explored; NaN: none is over yet
     held_out: float  # mean return of drives that did not, on held-out cars, sensors and seeds
     low: float  # of the drives' returns: the tenth of a hundred
     ended_early: float  # share of these drives
@@ -102,6 +102,7 @@ class Run:
         model.action_space.seed(seed)
         self.env.seed(seed)
         model._last_obs = None  # new drives
+        model.ep_info_buffer = None  # and their returns
         if self.algorithm == "recurrent_ppo":
             for state in (*model._last_lstm_states.pi, *model._last_lstm_states.vf):
                 state.zero_()

@@ -24,7 +24,7 @@ def facts(run):
     for name, part in model.get_parameters().items():
         if "optimizer" in name:
             for number, moments in part["state"].items():
-                found |= {f"{name}.{number}.{k}": np.array(v) for k, v in moments.items()}
+                found |= {f"{name}.{number}.{k}": v.numpy().copy() for k, v in moments.items()}
     if getattr(model, "replay_buffer", None) is not None:
         found |= {name: getattr(model.replay_buffer, name).copy() for name in BUFFER}
         found["pos"] = np.array(model.replay_buffer.pos)
