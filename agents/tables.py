@@ -29,10 +29,10 @@ FIGURES = (
 )
 SLIDE, REGRET = FIGURES[0], FIGURES[-1]
 LEGEND = (
-    f"slide: largest sideslip of a drive, at most {MOST:.0f} deg, which a drive that ended early has;\n"
-    "brakes: heat, the driver's own too; passed: the manoeuvre's verdict; regret: against the same controller\n"
-    "with true states (- where those drives end early). Means over cells, seeds and estimators; intervals draw\n"
-    "the seeds anew (95 %)."
+    f"slide: largest sideslip of a drive, at most {MOST:.0f} deg, and that if it ended early;\n"
+    "brakes: heat, the driver's own too; passed: the manoeuvre's verdict; regret: against\n"
+    "the same controller with true states, - where those drives end early. Means over\n"
+    "cells, seeds and estimators; 95 % intervals draw the seeds anew."
 )
 
 
