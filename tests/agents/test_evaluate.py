@@ -58,11 +58,6 @@ def test_an_agent_evaluates_to_the_same_numbers_twice_and_in_two_processes(runs,
     assert again.drop(TIMES, strict=False).equals(runs.drop(TIMES, strict=False), null_equal=True)
 
 
-def test_a_study_s_digest_knows_nothing_of_agents():
-    assert Study.load("headline-v1").digest == Study.load("headline-v1").digest
-    assert all(isinstance(cell.controller, str) for cell in Study.load("headline-v1").cells)
-
-
 # -- tables, from runs that are known ---------------------------------------------------------------------------------
 
 

@@ -1,8 +1,6 @@
 """PPO learns to keep the car from spinning, within a minute."""
 
-import pytest
 import torch
-from environments import make_envs
 from segments import Judge, Run
 
 from .conftest import Brief
