@@ -63,13 +63,13 @@ def run_cell(study: Study, cell: Cell, seed: int, contenders: Sequence[Contender
     if potential:
         alone = rollout(drawn.scenario, "truth", "none", drawn.seed)
         names = Contender(POTENTIAL, ALONE).columns | {"tuning": "", "tuning_digest": ""}
-        rows.append(head | names | _loop(drawn, alone) | took(begin))
+        rows.append(head | names | loop_columns(drawn, alone) | took(begin))
     for contender in contenders:
         begin = perf_counter()
         tyres_known = cell.plant == "double_track"
         heard = shadow_columns(drawn.truth, contender.estimator, drawn.scenario.nominal, drawn.seed, tyres_known)
         log = rollout(drawn.scenario, contender.estimator, cell.controller, drawn.seed)
-        rows.append(head | contender.columns | _loop(drawn, log) | heard | took(begin))
+        rows.append(head | contender.columns | loop_columns(drawn, log) | heard | took(begin))
     return rows
 
 
@@ -107,7 +107,7 @@ def shadow_columns(log: Log, estimator: Estimator, nominal: Nominal, seed: int, 
     return direct | {"shadow_update_us": 1e6 * heard.seconds, "shadow_ended": heard.ended}
 
 
-def _loop(drawn: Drawn, log: Log) -> Row:
+def loop_columns(drawn: Drawn, log: Log) -> Row:
     """Columns of a closed-loop drive."""
     scenario, truth = drawn.scenario, drawn.truth
     out: Row = {"loop_ended": log.ended, "loop_filled": " ".join(log.filled), "loop_passed": False}

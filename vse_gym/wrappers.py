@@ -1,0 +1,56 @@
+"""A single environment as a net sees it."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from vse_gym.compiled import compiled
+from vse_gym.controllers.canonical import REACH, from_canonical, held_canonical, to_canonical
+from vse_gym.env import StabilityControlEnv
+
+REWARD_SIZE = 10.0  # rewards are divided by it: values are of order ten, an early end's too
+
+
+@compiled
+def _to(held, observation):
+    return to_canonical(held.value, observation)
+
+
+@compiled
+def _from(held, answer, side, counts):
+    return from_canonical(held.value, answer, side, counts)
+
+
+class CanonicalView(gymnasium.Wrapper[NDArray[np.float32], NDArray[np.float32], Any, Any]):
+    """Observations in typical sizes and from one side, asleep going straight: :mod:`vse_gym.controllers.canonical`.
+
+    What agents are trained through, so that :class:`vse_gym.policy.TrainedPolicy` acts as they did. Rewards are
+    divided by ``REWARD_SIZE``.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any]):
+        super().__init__(env)
+        inner = env.unwrapped
+        if not isinstance(inner, StabilityControlEnv):
+            raise TypeError(f"CanonicalView wraps a StabilityControlEnv, not {type(inner).__name__}")
+        self._form = held_canonical(inner.encoder.layout, inner.action_kind)
+        self.observation_space = spaces.Box(-REACH, REACH, inner.observation_space.shape, np.float32)
+
+    def _seen(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        seen: NDArray[np.float32]
+        seen, self._side, self._counts = _to(self._form, observation)
+        return seen
+
+    def reset(self, **options: Any) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start a drive."""
+        observation, info = self.env.reset(**options)
+        return self._seen(observation), info
+
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Drive on to the next reading."""
+        turned = _from(self._form, np.asarray(action, dtype=np.float32), self._side, self._counts)
+        observation, reward, terminated, truncated, info = self.env.step(turned)
+        return self._seen(observation), float(reward) / REWARD_SIZE, terminated, truncated, info
