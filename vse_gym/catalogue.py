@@ -41,6 +41,8 @@ ESTIMATORS: Registry[Any] = Registry(
         "ackf": "vse_gym.estimators.adaptive_cubature:AdaptiveCubatureKalmanFilter",
         "upf": "vse_gym.estimators.sigma_particle:UnscentedParticleFilter",
         "acpf": "vse_gym.estimators.sigma_particle:AdaptiveCubatureParticleFilter",
+        "gru": "vse_gym.estimators.learned:RecurrentEstimator",
+        "kalman_gru": "vse_gym.estimators.learned:CorrectedKalmanFilter",
     },
     base="vse_gym.estimators.base:Estimator",
 )
