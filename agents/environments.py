@@ -33,7 +33,7 @@ class Task:
     env: tuple[str, ...] = ("vse_gym/DoubleLaneChange-v0",)  # ids
     estimator: tuple[str, ...] = ("ukf",)
     sensors: tuple[str, ...] = ("gaussian", "loud", "biased", "outliers")
-    vehicle: tuple[str, ...] = ("qin2014", "ford_escort")  # cars of no table
+    vehicle: tuple[str, ...] = ("qin2014", "ford_escort", "wei2019_roll")  # cars of no table
     controller: str = "none"
     action: str = "brakes"
     observation: str = "estimate"

@@ -22,6 +22,7 @@ class Figure(NamedTuple):
 ENDED = pl.col("loop_ended") != ""
 FIGURES = (
     Figure("slide deg", pl.when(ENDED).then(MOST).otherwise(pl.col("loop_peak_sideslip_deg").clip(0, MOST)), ".2f"),
+    Figure("yaw error deg/s", pl.col("loop_yaw_error_degps"), ".2f"),
     Figure("ended early %", 100.0 * ENDED.cast(pl.Float64), ".1f"),
     Figure("brakes kJ", pl.col("loop_brake_energy_kJ"), ".0f"),
     Figure("passed %", 100.0 * pl.col("loop_passed").cast(pl.Float64), ".0f"),
@@ -30,9 +31,10 @@ FIGURES = (
 SLIDE, REGRET = FIGURES[0], FIGURES[-1]
 LEGEND = (
     f"slide: largest sideslip of a drive, at most {MOST:.0f} deg, and that if it ended early;\n"
-    "brakes: heat, the driver's own too; passed: the manoeuvre's verdict; regret: against\n"
-    "the same controller with true states, - where those drives end early. Means over\n"
-    "cells, seeds and estimators; 95 % intervals draw the seeds anew."
+    "yaw error: mean, to what the driver wants and the road bears; brakes: heat, the\n"
+    "driver's own too; passed: the manoeuvre's verdict; regret: against the same controller\n"
+    "with true states, - where those drives end early. Means over cells, seeds and\n"
+    "estimators; 95 % intervals draw the seeds anew."
 )
 
 

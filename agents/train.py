@@ -51,7 +51,7 @@ def main(
     sensors: Annotated[list[str], typer.Option(help="Suite.")] = DEFAULT.sensors,
     vehicle: Annotated[list[str], typer.Option(help="Car.")] = DEFAULT.vehicle,
     friction: Annotated[tuple[float, float], typer.Option(help="From, to.")] = DEFAULT.friction,
-    speed: Annotated[tuple[float, float], typer.Option(help="From, to [km/h].")] = DEFAULT.speed_kmh,
+    speed: Annotated[tuple[float, float], typer.Option(help="From, to, in km/h.")] = DEFAULT.speed_kmh,
     steer: Annotated[float, typer.Option(help="+/- of the hand wheel's amplitude, relative.")] = DEFAULT.steer,
     mass: Annotated[tuple[float, float], typer.Option(help="Times, from, to.")] = DEFAULT.mass,
     stiffness: Annotated[tuple[float, float], typer.Option(help="Of the tyres, times, from, to.")] = DEFAULT.stiffness,

@@ -8,10 +8,11 @@ import tables
 from typer.testing import CliRunner
 
 from vse_gym.evaluation import Cell, Study
-from vse_gym.evaluation.battery import OWN, battery
+from vse_gym.evaluation.battery import OWN, battery, yaw_error_degps
 from vse_gym.evaluation.runs import TIMES
+from vse_gym.physics import parameters as p
 from vse_gym.policy import TrainedPolicy
-from vse_gym.simulation import rollout
+from vse_gym.simulation import rollout, scenario
 
 CELLS = (
     Cell("held", "held_steer", controller="sideslip_esc", settings={"friction": 0.5, "duration": 1.5}),
@@ -58,6 +59,17 @@ def test_an_agent_evaluates_to_the_same_numbers_twice_and_in_two_processes(runs,
     assert again.drop(TIMES, strict=False).equals(runs.drop(TIMES, strict=False), null_equal=True)
 
 
+def test_a_car_that_turns_as_it_is_steered_has_no_yaw_error_and_one_that_goes_straight_has_all():
+    """Neutral at a gentle lateral acceleration; and with steered wheels that never turn it."""
+    drive = scenario("gentle_curve", lateral=2.0)
+    log = rollout(drive, "truth", "none", 0)
+    turned = np.degrees(np.abs(log.truth[:, p.YAW_RATE]).mean())
+    assert yaw_error_degps(log, drive.nominal) < 0.1 * turned
+    still = log.truth.copy()
+    still[:, p.YAW_RATE] = 0.0
+    assert yaw_error_degps(log._replace(truth=still), drive.nominal) == pytest.approx(turned, rel=0.1)
+
+
 # -- tables, from runs that are known ---------------------------------------------------------------------------------
 
 
@@ -80,6 +92,7 @@ def known():
                             "loop_ended": "spin" if spun else "",
                             "loop_peak_sideslip_deg": 85.0 if spun else slide - less,
                             "loop_brake_energy_kJ": 10.0,
+                            "loop_yaw_error_degps": 1.0,
                             "loop_passed": not spun,
                             "regret": None if spun else 1.0,
                         }
@@ -109,9 +122,9 @@ def test_the_matrix_has_a_row_for_each_controller_and_a_column_for_each_estimato
 
 def test_a_summary_says_all_figures_and_a_dash_where_none_is_known(known):
     heads, rows = tables.summary(known, ["none", "esc", "agent"])
-    assert heads == ["controller", "slide deg", "ended early %", "brakes kJ", "passed %", "regret"]
-    assert rows[0][2].startswith("10.0") and rows[0][5] == "-"
-    assert rows[2][5].startswith("1.00")
+    assert heads == ["controller", "slide deg", "yaw error deg/s", "ended early %", "brakes kJ", "passed %", "regret"]
+    assert rows[0][3].startswith("10.0") and rows[0][6] == "-"
+    assert rows[2][6].startswith("1.00")
 
 
 # -- the program ------------------------------------------------------------------------------------------------------

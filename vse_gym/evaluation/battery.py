@@ -5,11 +5,16 @@ which a controller spins the car with true states is that controller's own fault
 controllers and estimators meet the same car, road and noise.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+from scipy.signal import lfilter
+
 from vse_gym.catalogue import CONTROLLERS
 from vse_gym.controllers.base import Controller
+from vse_gym.controllers.esc import StabilityControl
 from vse_gym.evaluation.bench import Progress, quiet
 from vse_gym.evaluation.cells import Cell
 from vse_gym.evaluation.contenders import Contender, Judged, contenders
@@ -17,7 +22,10 @@ from vse_gym.evaluation.drawn import Drawn
 from vse_gym.evaluation.parallel import in_parallel
 from vse_gym.evaluation.runs import Row, heading, loop_columns
 from vse_gym.evaluation.study import Study
+from vse_gym.models import Nominal
+from vse_gym.physics import parameters as p
 from vse_gym.simulation import rollout
+from vse_gym.types import Log
 
 if TYPE_CHECKING:
     import polars
@@ -47,10 +55,26 @@ def battery_rows(
             log = rollout(scenario, contender.estimator, controller, seed)
             row = heading(study, cell, seed) | {"controller": name, "truth_ended": truth.ended}
             row |= contender.columns | loop_columns(drawn, log)
+            row["loop_yaw_error_degps"] = yaw_error_degps(log, scenario.nominal) if len(log.time) else None
             if truth.ended:  # a regret against a drive that ended badly says nothing
                 row |= {key: None for key in row if key.startswith("regret")}
             rows.append(row)
     return rows
+
+
+def yaw_error_degps(log: Log, nominal: Nominal) -> float:
+    """Mean difference of the yaw rate to what the driver wants, as far as the road's friction bears it.
+
+    A car that is kept from sliding by not turning has a large one. The reference is that of ``esc``, from true states
+    and the true friction.
+    """
+    wanted = StabilityControl().reference(nominal)
+    speed = np.maximum(log.truth[:, p.VX], 1.0)
+    steady = speed * log.steer / (wanted.wheelbase + wanted.understeer * speed**2)
+    limit = 0.85 * log.friction * p.GRAVITY / speed
+    blend = 1 - math.exp(-wanted.dt / wanted.lag)
+    reference = lfilter([blend], [1.0, blend - 1.0], np.clip(steady, -limit, limit))
+    return math.degrees(float(np.mean(np.abs(log.truth[:, p.YAW_RATE] - reference))))
 
 
 def battery(
