@@ -1,11 +1,12 @@
 """How good an estimate of recorded drives is: errors, peaks, and whether its bands hold what they say."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.table import Table
 
 from vse_gym.types import SLOW
 
@@ -24,10 +25,6 @@ class Scores(NamedTuple):
     yaw_rate_rmse_degps: float
     coverage_percent: float  # truths of vx, vy and yaw rate within 1.96 standard deviations; NaN: none were given
     vy_coverage_percent: float  # the same of vy alone
-
-    def row(self) -> list[str]:
-        """For a table."""
-        return [f"{value:.3g}" for value in self]
 
 
 def score(truth: Sequence[Floats], told: Sequence[Floats], std: Sequence[Floats] | None = None) -> Scores:
@@ -74,3 +71,11 @@ def _peak(truth: Floats, told: Floats, moving: Floats) -> tuple[float, float]:
 def _rms(parts: Sequence[Floats]) -> float:
     joined = np.concatenate([*parts, np.empty(0)]).astype(float)
     return math.sqrt(float(np.mean(joined**2))) if joined.size else math.nan
+
+
+def table(found: Mapping[str, Scores], title: str) -> Table:
+    """For a screen, a column an estimator."""
+    out = Table("", *found, title=title)
+    for name, *values in zip(Scores._fields, *found.values(), strict=True):
+        out.add_row(name, *(f"{value:.3g}" for value in values))
+    return out

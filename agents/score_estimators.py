@@ -14,10 +14,9 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from estimator_drives import FIRST, HEADLINE, LOST, SHORTEST, Task, drawn, laden
-from estimator_scores import Scores, score
+from estimator_scores import score, table
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.base import Estimator
@@ -99,16 +98,12 @@ def main(
         if len(truth) >= SHORTEST:
             found[condition].append((truth, told))
     for condition, drives in found.items():
-        table = Table(
-            "estimator", *Scores._fields, title=f"{condition}: {len(drives)} drives, seeds from {FIRST + UNUSED}"
-        )
-        truth = [t for t, _ in drives]
+        truth, scores = [t for t, _ in drives], {}
         for k, (name, _) in enumerate(judged):
-            motions = [told[k][0] for _, told in drives]
             std = [np.sqrt(told[k][1]) for _, told in drives]
             known = all(np.isfinite(s).all() for s in std)
-            table.add_row(name, *score(truth, motions, std if known else None).row())
-        Console(width=max(100, 26 + 14 * len(Scores._fields))).print(table)
+            scores[name] = score(truth, [told[k][0] for _, told in drives], std if known else None)
+        Console().print(table(scores, f"{condition}: {len(drives)} drives, seeds from {FIRST + UNUSED}"))
 
 
 if __name__ == "__main__":

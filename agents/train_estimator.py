@@ -22,15 +22,16 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from estimator_drives import CHUNK, FIRST, HEADLINE, MOST, RANGES, Drive, cars, drawn, drives
-from estimator_scores import Scores, score
+from estimator_scores import Scores, score, table
 from estimator_training import Parity, Recording, Training, exported, outputs_of, train
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
+from vse_gym.estimators.gaussian import ExtendedKalmanFilter
 from vse_gym.estimators.learned import CorrectedKalmanFilter, LearnedEstimator, RecurrentEstimator
 from vse_gym.estimators.learned_features import LIMIT, MOTION, OUTPUTS, hear_drive
 from vse_gym.estimators.learned_weights import save_weights
+from vse_gym.inference.gaussian import filter_drive
 
 KINDS: dict[str, type[LearnedEstimator]] = {"gru": RecurrentEstimator, "kalman_gru": CorrectedKalmanFilter}
 SETTINGS = Training()
@@ -62,6 +63,19 @@ class Heard:
         said = outputs_of(net, self.recordings, sides)
         told = [p + u * s[:, :m] for p, u, s in zip(self.plain, self.units, said, strict=True)]
         return score(self.truth, told, [u * np.exp(s[:, m:]) for u, s in zip(self.units, said, strict=True)])
+
+
+def filtered(recorded: list[Drive]) -> Scores:
+    """The scores of `ekf`, default settings."""
+    means, deviations = [], []
+    for drive in recorded:
+        state = ExtendedKalmanFilter().init(drawn(drive.number).scenario.nominal, np.random.default_rng(0))
+        rule, model = state.constants.value
+        heard = drive.inputs.astype(float), drive.readings.astype(float)
+        mean, cov = filter_drive(rule, model, state.mean, state.cov, model.memory, *heard)
+        means.append(mean)
+        deviations.append(np.sqrt(cov.diagonal(axis1=1, axis2=2)))
+    return score([drive.truth for drive in recorded], means, deviations)
 
 
 def _toml(table: Mapping[str, Any]) -> str:
@@ -99,10 +113,9 @@ def main(
     try:
         learnt = Heard(kind, drives(first, count, data, jobs), "what is learnt from")
         kept_back = drives(first + MOST - held, held, data, jobs)
-        validation, filtered = (Heard(k, kept_back, "what is held back") for k in (kind, CorrectedKalmanFilter))
+        validation, ekf = Heard(kind, kept_back, "what is held back"), filtered(kept_back)
         ready = time.perf_counter()
         sides, settings = parity(kind), Training(seed=seed, epochs=epochs, hidden=hidden)
-        ekf = score(validation.truth, filtered.plain)
 
         def tell(epoch: int, loss: float, held_back: float, net: Any) -> None:
             now = validation.scores(net, sides)
@@ -118,10 +131,7 @@ def main(
         console.print("Interrupted: the same command goes on from here.")
         raise typer.Exit(130) from None
     scores = validation.scores(net, sides)
-    table = Table("estimator", *Scores._fields, title=f"{held} drives held back")
-    table.add_row(name, *scores.row())
-    table.add_row("ekf", *ekf.row())
-    console.print(table)
+    console.print(table({name: scores, "ekf": ekf}, f"{len(validation.truth)} drives held back"))
     digest = save_weights(out / f"{name}.npz", name, exported(net), kind.features, OUTPUTS)
     told = {
         "estimator": name,
@@ -142,8 +152,6 @@ def main(
             "loss": "heteroscedastic Gaussian likelihood of vx, vy, yaw rate, ax, ay",
             "best_epoch": chosen + 1,
             "losses": [[round(x, 4) for x in pair] for pair in history],
-            "seconds_of_driving_and_hearing": round(ready - began),
-            "seconds_of_training": round(time.perf_counter() - ready),
         },
         "ranges": {"cars": cars()} | {key: list(pair) for key, pair in RANGES.items()},
         "validation": {"drives": len(validation.truth)} | _rounded(scores),

@@ -42,11 +42,11 @@ def test_speed_lost_costs_its_share_and_speed_won_nothing_while_the_driver_does_
 def test_sideslip_costs_up_to_ten_degrees(sideslip):
     state = car(START * math.cos(sideslip), START * math.sin(sideslip))
     slides = abs(math.atan2(state[p.VY], max(state[p.VX], 1.0)))
-    assert reward(state)[0] == pytest.approx(1 - 0.6 * min(1.0, slides / math.radians(10)), abs=1e-9)
+    assert reward(state)[0] == pytest.approx(1 - 0.4 * min(1.0, slides / math.radians(10)), abs=1e-9)
 
 
 def test_turning_otherwise_than_wanted_and_braking_cost_what_they_should():
-    assert reward(car(START, yaw_rate=math.radians(10)))[0] == pytest.approx(1 - 0.4 * 0.5)
+    assert reward(car(START, yaw_rate=math.radians(10)))[0] == pytest.approx(1 - 0.6 * 0.5)
     assert reward(car(START), added=CAR.brake_caps)[0] == pytest.approx(1 - 0.2)
     assert reward(car(START), added=np.array([CAR.brake_cap_front, 0, 0, 0]))[0] == pytest.approx(1 - 0.05)
 
@@ -73,6 +73,16 @@ def test_it_is_bounded_and_the_same_in_the_mirror(motion, share, torque):
     left = reward(car(vx, -vy, -yaw_rate), steer=-0.05, added=added[[1, 0, 3, 2]], brake=np.full(4, torque))[0]
     assert -1 <= right <= 1
     assert right == left
+
+
+def test_who_does_not_turn_is_charged_for_what_the_road_would_bear():
+    """Full lock: the reference goes to 0.85 friction g/v, whatever the car has done so far."""
+    memory = reward_memory(WORTH.value)
+    for _ in range(100):
+        worth, memory = reward(car(START), memory, steer=0.3, friction=0.2)
+    limit = 0.85 * 0.2 * p.GRAVITY / START
+    assert memory[0] == pytest.approx(limit, rel=1e-5)
+    assert worth == pytest.approx(1 - 0.6 * limit / math.radians(20), rel=1e-5)
 
 
 def test_what_is_not_finite_is_worth_the_least():

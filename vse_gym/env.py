@@ -44,11 +44,12 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         readings, in their place. ``info`` always holds the truth too: an agent must not be given it.
 
     Reward of a step, from true states, in [-1, 1]: 1 - 2 (
-        0.3 min(1, |sideslip|/10 deg)           the car points where it goes
-        + 0.2 min(1, |yaw rate - reference|/20 deg/s)   it turns as the driver wants
+        0.2 min(1, |sideslip|/10 deg)           the car points where it goes
+        + 0.3 min(1, |yaw rate - reference|/20 deg/s)   it turns as the driver wants
         + 0.1 mean(torque asked for/cap)        brakes cost
         + 0.4 min(1, |speed - wanted|/start speed))   and so does speed: standing still is no answer, nor rolling on
-        The wanted speed is the one at the start; from when the driver brakes, what his brakes and the road make of it.
+        The reference is limited by the road's friction alone, not by what the car did before. The wanted speed is the one
+        at the start; from when the driver brakes, what his brakes and the road make of it.
         Until then more speed costs nothing.
         When a drive ends early, -1 for every step that was left.
 

@@ -11,7 +11,7 @@ from vse_gym.physics.parameters import AY, GRAVITY, VX, VY, YAW_RATE
 from vse_gym.types import SLOW, Array
 
 # The reward's weights, and the size of each error at which its term is full
-SIDESLIP, YAW_WEIGHT, BRAKE, SPEED = 0.3, 0.2, 0.1, 0.4
+SIDESLIP, TURNING, BRAKE, SPEED = 0.2, 0.3, 0.1, 0.4
 FULL_SIDESLIP, FULL_YAW_RATE = math.radians(10), math.radians(20)
 
 PEAK, SQUARES, MOVING, INTERVENTION = range(4)  # of the totals
@@ -29,7 +29,7 @@ class Worth(NamedTuple):
 
 def reward_memory(worth: Worth) -> Array:
     """What :func:`step_reward` remembers, at the start of a drive."""
-    return np.array([0.0, 0.0, worth.start])
+    return np.array([0.0, worth.start])
 
 
 @compiled
@@ -38,8 +38,9 @@ def step_reward(constants, memory, state, steer, added, brake, friction):
 
     Args:
         constants: The Worth, held.
-        memory: Reference yaw rate of the true states [rad/s], envelope of |ay| [m/s2], and the speed that the driver
-            wants [m/s], (3,): he wants his first until he brakes, then what the road lets him have.
+        memory: The yaw rate that the driver wants, within what the road bears [rad/s]: an envelope of the car's own ay
+            would let an agent off that does not let it turn. And the speed that he wants [m/s]: his first until he
+            brakes, then what the road lets him have. (2,)
         state: Of the plant after the step, (STATE_SIZE,).
         steer: True road-wheel angle [rad].
         added: Torques that were asked for, (4,) [N m].
@@ -51,19 +52,21 @@ def step_reward(constants, memory, state, steer, added, brake, friction):
     """
     worth = constants.value
     vx, vy = state[VX], state[VY]
-    after = np.empty(3)
+    after = np.empty(2)
     slowing = min(worth.braking * (brake[0] + brake[1] + brake[2] + brake[3]), friction * GRAVITY)
-    after[2] = max(0.0, memory[2] - worth.dt * slowing)
-    apart = after[2] - math.hypot(vx, vy)
-    if after[2] == worth.start:  # who has not braked may well drive faster
+    after[1] = max(0.0, memory[1] - worth.dt * slowing)
+    apart = after[1] - math.hypot(vx, vy)
+    if after[1] == worth.start:  # who has not braked may well drive faster
         apart = max(0.0, apart)
-    after[0], after[1] = follow_reference(worth.reference, memory[0], memory[1], vx, state[AY], steer)
+    r = worth.reference
+    within = Reference(r.wheelbase, r.understeer, friction, r.lag, r.release, r.dt)
+    after[0], _ = follow_reference(within, memory[0], np.inf, vx, state[AY], steer)
     braked = 0.0
     for i in range(4):
         braked += added[i] / worth.caps[i]
     cost = (
         SIDESLIP * min(1.0, abs(math.atan2(vy, max(vx, 1.0))) / FULL_SIDESLIP)
-        + YAW_WEIGHT * min(1.0, abs(state[YAW_RATE] - after[0]) / FULL_YAW_RATE)
+        + TURNING * min(1.0, abs(state[YAW_RATE] - after[0]) / FULL_YAW_RATE)
         + BRAKE * 0.25 * braked
         + SPEED * min(1.0, abs(apart) / worth.start)
     )

@@ -88,7 +88,15 @@ def test_the_filter_within_is_the_packages_own(nominal, readings):
     state = ekf.init(nominal, rng)
     for row, reading in zip(motion, readings, strict=True):
         state = ekf.update(state, reading, rng)
-        np.testing.assert_array_equal(row[:3], state.mean)
+        np.testing.assert_allclose(row[:3], state.mean, atol=1e-12)  # put together again from what the net is told
+
+
+def test_a_filter_that_is_lost_is_followed_no_farther_than_the_net_is_told_of(nominal, readings):
+    lost = [r._replace(y=np.where(np.arange(10) == 2, 4.0, r.y)) for r in readings]  # a gyro that is stuck at 230 deg/s
+    x, motion, _ = hear(CorrectedKalmanFilter, nominal, lost)
+    told = 0.1 * x[:, list(CorrectedKalmanFilter.features).index("filter_sideslip")]
+    np.testing.assert_allclose(motion[:, 1], told * np.maximum(motion[:, 0], 2.0), rtol=1e-12)
+    assert np.abs(told).max() == pytest.approx(0.1 * LIMIT)
 
 
 def test_one_update_hears_as_training_does(nominal, readings):

@@ -206,8 +206,8 @@ def _(front, values, u, y):
             missed[i] = (y[i] - expected[i]) / math.sqrt(spread[i] + model.variances[i])
     mean, kept, memory, _, _ = filter_step(rule, model, mean, kept, memory, u, y)
     cov, told = covariance(rule, kept), report(model, mean, u)
-    vx, ax, ay = mean[0], plain[_HELD], plain[_HELD + 1]
-    x[first], x[first + 1] = mean[1] / max(vx, SLOWEST) / 0.1, vx - plain[0]
+    ax, ay = plain[_HELD], plain[_HELD + 1]
+    x[first], x[first + 1] = mean[1] / max(mean[0], SLOWEST) / 0.1, mean[0] - plain[0]
     x[first + 2], x[first + 3], x[first + 4] = (mean[2] - plain[_SLOW]) / 0.1, (ax - told[3]) / 2, (ay - told[4]) / 2
     x[first + 5], x[first + 6], x[first + 7] = missed[Y_AX], missed[Y_AY], missed[Y_YAW_RATE]
     for axle in range(2):
@@ -224,7 +224,9 @@ def _(front, values, u, y):
             after[_PLAIN + n + i * n + j] = kept[i, j]
     for i in range(memory.size):
         after[_PLAIN + b + i] = memory[i]
-    return after, x, np.array([vx, mean[1], mean[2], ax, ay])
+    # A filter that is lost is followed no farther than the net is told of, which else could not call it back
+    vx, r = plain[0] + x[first + 1], plain[_SLOW] + 0.1 * x[first + 2]
+    return after, x, np.array([vx, 0.1 * x[first] * max(vx, SLOWEST), r, ax, ay])
 
 
 @compiled

@@ -73,7 +73,7 @@ class Lanes(NamedTuple):
     base: Array  # what it asks for: torques and shares, (n, 2, 4)
     asked: Array  # the same with the agent's action, (n, 2, 4)
     seen: Array  # memory of the observation, (n, 2)
-    wanted: Array  # memory of the reward, (n, 3)
+    wanted: Array  # memory of the reward, (n, 2)
     brake: Array  # the driver's torques, (n, 4) [N m]
     totals: Array  # see vse_gym.reward.tally, (n, 4)
     ended: NDArray[np.int64]  # why, see vse_gym.ending, (n,)
@@ -112,7 +112,7 @@ def lanes(rows: int, unit: int, delay: int, driver: int, belief: int, features: 
         base=real(2, 4),
         asked=real(2, 4),
         seen=real(2),
-        wanted=real(3),
+        wanted=real(2),
         brake=real(4),
         totals=real(4),
         ended=whole(),
