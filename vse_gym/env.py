@@ -48,9 +48,9 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         + 0.3 min(1, |yaw rate - reference|/20 deg/s)   it turns as the driver wants
         + 0.1 mean(torque asked for/cap)        brakes cost
         + 0.4 min(1, |speed - wanted|/start speed))   and so does speed: standing still is no answer, nor rolling on
-        The reference is limited by the road's friction alone, not by what the car did before. The wanted speed is the one
-        at the start; from when the driver brakes, what his brakes and the road make of it.
-        Until then more speed costs nothing.
+        The reference is limited by the road's friction alone, not by what the car did before. The wanted speed is the
+        one at the start; from when the driver brakes, what his brakes and the road make of it. Until then more speed
+        costs nothing.
         When a drive ends early, -1 for every step that was left.
 
     Terminated: |sideslip| > 80 deg, off course, or anything not finite. Truncated: the manoeuvre's duration.
