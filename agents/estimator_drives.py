@@ -1,23 +1,17 @@
-"""Drives that learned estimators are trained on: drawn by number, driven, and kept on disk.
+"""Drives that learned estimators are trained on, drawn by number.
 
 A number is a drive: car, road, sensors, driver, control and noise all follow from it. Its seed is that number above
 ``FIRST``, which no study uses, and no car of the headline's is driven, so that none of its cells can occur.
 """
 
 import math
-from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from hashlib import blake2b
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rich.progress import track
 
-import vse_gym
 from vse_gym.catalogue import MANOEUVRES
 from vse_gym.evaluation import Study
-from vse_gym.evaluation.parallel import in_parallel
 from vse_gym.models import DataSheet, Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.sensors import QUIET, SUITES, Sensors, stream
@@ -26,9 +20,7 @@ from vse_gym.vehicles import load, names
 
 FIRST = 100_000  # the studies' seeds are all smaller, but for those that replace one, which begin at a million
 MOST = 100_000  # drives that one seed of training may have
-CHUNK = 50  # drives in a file
 LOST = math.radians(40)  # sideslip from which on nobody need know how far a car has spun [rad]
-SHORTEST = 50  # steps of a drive that is worth learning from
 TRUTH = (p.VX, p.VY, p.YAW_RATE, p.AX, p.AY)
 HEADLINE = "headline-v1"
 DEG, KMH = math.pi / 180, 1 / 3.6
@@ -256,57 +248,3 @@ def driven(number: int) -> Drive:
     lost = np.flatnonzero(~(np.abs(log.sideslip) < LOST))  # not a number is lost too
     kept = lost[0] if lost.size else len(log.time)
     return Drive(number, *(part[:kept].astype(np.float32) for part in parts))
-
-
-# -- on disk ----------------------------------------------------------------------------------------------------------
-
-
-def _shaping_digest() -> str:
-    """Of all code that has a say in a drive; training anew does not drive anew."""
-    package, total = Path(vse_gym.__file__).parent, blake2b(digest_size=5)
-    aside = {"estimators", "inference", "evaluation", "report", "checks", "procedures"}
-    files = [f for f in package.rglob("*") if f.suffix in (".py", ".toml")]
-    for file in sorted(f for f in files if not aside & set(f.relative_to(package).parts)):
-        total.update(file.read_bytes())
-    total.update(Path(__file__).read_bytes())
-    return total.hexdigest()
-
-
-def _keep(first: int, count: int, folder: Path) -> None:
-    drives = [d for d in map(driven, range(first, first + count)) if len(d.truth) >= SHORTEST]
-    joined = {name: np.concatenate([getattr(d, name) for d in drives]) for name in Drive._fields[1:]}
-    whose = {"numbers": np.array([d.number for d in drives]), "lengths": np.array([len(d.truth) for d in drives])}
-    draft = _file(folder, first).with_suffix(".part")
-    with draft.open("wb") as file:
-        np.savez(file, allow_pickle=False, **joined, **whose)
-    draft.replace(_file(folder, first))
-
-
-def _file(folder: Path, first: int) -> Path:
-    return folder / f"drives-{first:06d}.npz"
-
-
-def drives(first: int, count: int, folder: Path, jobs: int = 1) -> list[Drive]:
-    """The drives of so many numbers from the first on, those that are long enough; driven where not on disk.
-
-    Args:
-        first, count: Multiples of CHUNK.
-        folder: Where they are kept, in a folder named by the digest of what shapes them.
-        jobs: Processes.
-    """
-    folder = folder / _shaping_digest()
-    folder.mkdir(parents=True, exist_ok=True)
-    starts = range(first, first + count, CHUNK)
-    missing = [(start, CHUNK, folder) for start in starts if not _file(folder, start).exists()]
-    if missing:
-        told = f"driving {CHUNK * len(missing)} times"
-        for _ in track(in_parallel(_keep, missing, jobs), description=told, total=len(missing)):
-            pass
-    return [drive for start in starts for drive in _kept(_file(folder, start))]
-
-
-def _kept(path: Path) -> Iterator[Drive]:
-    with np.load(path, allow_pickle=False) as file:
-        ends = np.cumsum(file["lengths"])[:-1]
-        parts: Sequence[Any] = [np.split(file[name], ends) for name in Drive._fields[1:]]
-        yield from (Drive(int(n), *each) for n, *each in zip(file["numbers"], *parts, strict=True))

@@ -13,7 +13,8 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from estimator_drives import FIRST, HEADLINE, LOST, SHORTEST, Task, drawn, laden
+from estimator_drives import FIRST, HEADLINE, LOST, Task, drawn, laden
+from estimator_records import SHORTEST
 from estimator_scores import score, table
 from rich.console import Console
 from rich.progress import track

@@ -3,9 +3,10 @@
     python agents/train_estimator.py gru --seed 0 --jobs 2
     python agents/train_estimator.py kalman_gru --seed 0 --jobs 2
 
-Writes NAME.npz, the weights, and NAME.toml, which says where they come from; `--weights` of neither is needed to use
-them: ESTIMATORS.make("gru", weights="results/estimators/gru.npz"). The drives are kept on disk, for both. Ctrl-C does
-no harm: the same command goes on after the last whole epoch and ends where an unbroken run would.
+Writes NAME.npz, the weights, and NAME.toml, which says where they come from. They are used as
+ESTIMATORS.make("gru", weights="results/estimators/gru.npz"), and shipped by a copy of both files to
+vse_gym/estimators/trained. The drives are kept on disk, for both. Ctrl-C does no harm: the same command goes on after
+the last whole epoch and ends where an unbroken run would.
 """
 
 import json
@@ -21,7 +22,8 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from estimator_drives import CHUNK, FIRST, HEADLINE, MOST, RANGES, Drive, cars, drawn, drives
+from estimator_drives import FIRST, HEADLINE, MOST, RANGES, Drive, cars, drawn
+from estimator_records import CHUNK, drives
 from estimator_scores import Scores, score, table
 from estimator_training import Parity, Recording, Training, exported, outputs_of, train
 from rich.console import Console

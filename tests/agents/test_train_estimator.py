@@ -21,6 +21,7 @@ from vse_gym.vehicles import load
 torch = pytest.importorskip("torch", reason="torch comes with the extra [rl]")
 sys.path.insert(0, str(Path(__file__).parents[2] / "agents"))
 drives = import_module("estimator_drives")
+records = import_module("estimator_records")
 scores = import_module("estimator_scores")
 training = import_module("estimator_training")
 program = import_module("train_estimator")
@@ -189,10 +190,10 @@ def test_a_number_is_one_drive():
 
 
 def test_drives_are_driven_once_and_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(drives, "CHUNK", 2)
-    found = drives.drives(0, 2, tmp_path)
-    monkeypatch.setattr(drives, "driven", lambda _: pytest.fail("driven again"))
-    again = drives.drives(0, 2, tmp_path)
+    monkeypatch.setattr(records, "CHUNK", 2)
+    found = records.drives(0, 2, tmp_path)
+    monkeypatch.setattr(records, "driven", lambda _: pytest.fail("driven again"))
+    again = records.drives(0, 2, tmp_path)
     assert [d.number for d in found] == [d.number for d in again] == [0, 1]
     for one, other in zip(found, again, strict=True):
         np.testing.assert_array_equal(one.readings, other.readings)
@@ -220,7 +221,7 @@ def test_scores_of_half_the_amplitude_say_so():
 
 
 def test_the_program_writes_weights_that_an_estimator_reads(tmp_path, monkeypatch):
-    monkeypatch.setattr(drives, "CHUNK", 2)
+    monkeypatch.setattr(records, "CHUNK", 2)
     monkeypatch.setattr(program, "CHUNK", 2)
     monkeypatch.setattr(sys, "argv", ["agents/train_estimator.py", "gru"])
     program.main("gru", 0, 4, 2, 2, 8, tmp_path / "out", tmp_path / "drives", 1)
