@@ -196,7 +196,7 @@ def test_the_estimators_generator_is_nobody_elses(suite, monkeypatch):
     (_, rng), *_ = spy.handed
     mine = rng.random(1000)
     np.testing.assert_array_equal(mine, made.pop("estimator").random(1000))
-    assert len(made) >= 5
+    assert {"sensors/inputs", "sensors/noise"} <= made.keys()  # and what a suite's own troubles draw
     for name, other in made.items():
         assert not np.isin(mine, other.random(1000)).any(), name  # nor a part of it, displaced
 

@@ -22,7 +22,7 @@ def test_an_example_runs_as_it_stands(number, tmp_path):
 
 
 def test_readme_has_the_examples_it_promises():
-    assert len(BLOCKS) == 2
+    assert len(BLOCKS) == 3
 
 
 def test_every_file_that_readme_and_contributing_link_to_exists():
