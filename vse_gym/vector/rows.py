@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,7 @@ from vse_gym.vector.lanes import (
 
 LAYOUTS = {"estimate": ESTIMATE, "truth": TRUTH, "reading": READING}
 Index = NDArray[np.int64]
+NO_BELIEF = np.empty(0)
 SINGLE = 'vectorization_mode="sync" or "async" runs any'
 
 
@@ -103,11 +104,8 @@ class Rows:
         unit = released_brakes(first.brake_unit, first.dt).shape[0]
         self.lanes = lanes(count, unit, delay, driver, max(beliefs), encoder.low.size)
         self._held = hold(self.lanes)
-        self._drawn: list[tuple[Scenario, Estimator] | None] = [None] * count
-        self._beliefs: list[Array] = [np.empty(0)] * count  # of each row, before its first reading
-        self._roads: list[Any] = [None] * count
-        self._memories: list[Array] = [np.empty(0)] * count  # of each row's reward, at the start
-        self._kinds: list[Any] = [None] * count  # of each row's filter; None: true states
+        self._rows: list[Constants | None] = [None] * count
+        self._shared: dict[tuple[int, int], Constants] = {}  # of what is written, by scenario and estimator
         self._filters: dict[Any, Any] = {}  # lists of rule and model, by kind
         self._lists: dict[str, Any] = {}  # of what every row has
         self._groups: list[tuple[Any, Index]] = []  # rows of a kind, among those last stepped
@@ -115,22 +113,21 @@ class Rows:
 
     def start(self, i: int, seed: int) -> None:
         """Begin a row's drive: the same as ``Simulation.reset`` with this seed."""
-        scenario, estimator = self.episodes.draw(seed)
-        v, last = self.lanes, self._drawn[i]
-        if last is None or last[0] is not scenario or last[1] is not estimator:
-            self._prepare(i, scenario, estimator)
-        s, row = scenario, np.array([i])
+        s, estimator = self.episodes.draw(seed)
+        v, row = self.lanes, np.array([i])
+        own = self._constants(s, estimator)
+        if self._rows[i] is not own:
+            self._place(i, own)
         record = s.sensors.record(s.steps + 1, s.dt, seed)
-        self._put("plants", i, hold((s.brake_unit, s.nominal.vehicle.geometry, s.vehicle, self._roads[i], record)))
+        self._put("plants", i, hold((s.brake_unit, s.nominal.vehicle.geometry, s.vehicle, own.road, record)))
         for array in (v.unit, v.driver, v.law, v.base, v.asked, v.seen, v.totals):
             array[i] = 0.0
         v.k[i], v.steps[i], v.depth[i], v.ended[i], v.steer[i], v.reward[i] = 0, s.steps, 1 + record.delay, 0, 0.0, 0.0
-        v.wanted[i] = self._memories[i]
+        v.wanted[i] = own.memory
         v.state[i] = rolling_start(s.vehicle, s.manoeuvre.speed)
         rest, memory = p.Inputs(0.0, NO_TORQUE, NO_TORQUE), unread_sensors(record.delay, v.state[i])
         v.u[i], v.y[i], v.sensed[i, : v.depth[i]] = read_sensors(record, 0, v.state[i], rest, memory)
-        if self._kinds[i] is not None:
-            v.belief[i, : v.size[i]] = self._beliefs[i]
+        v.belief[i, : v.size[i]] = own.belief
         self._estimate(row)
         observe_rows(row, self._held, self._lists["views"], self._layout)
         self._grouped = self._grouped[:0]
@@ -161,8 +158,8 @@ class Rows:
 
     def _estimate(self, index: Index) -> None:
         if index is not self._grouped:
-            kinds = {self._kinds[i] for i in index}
-            self._groups = [(kind, index[[self._kinds[i] == kind for i in index]]) for kind in kinds]
+            kinds = [own.kind for own in map(self._rows.__getitem__, index) if own is not None]
+            self._groups = [(kind, index[[other == kind for other in kinds]]) for kind in set(kinds)]
             self._grouped = index
         for kind, rows in self._groups:
             if kind is None:
@@ -171,28 +168,29 @@ class Rows:
                 filter_rows(rows, self._held, self._filters[kind])
         complete_rows(index, self._held)
 
-    def _prepare(self, i: int, s: Scenario, estimator: Estimator) -> None:
-        """A row's constants, but for its noise."""
-        told = s.nominal
-        self._drawn[i], self._roads[i] = (s, estimator), s.road
-        self._put("tasks", i, s.manoeuvre.init(replace(told, vehicle=s.vehicle)).task)
-        self._put("views", i, self.encoder.view(told))
-        worthy = worth(s)
-        self._put("worths", i, worthy)
-        self._memories[i] = reward_memory(worthy.value)
-        if isinstance(self.controller, MomentControl):
-            self._put("laws", i, self.controller.init(told).constants)
-        self._kinds[i] = None
-        self.lanes.friction_at[i] = -1
-        if isinstance(estimator, GaussianFilter):
-            state = estimator.init(told, stream(0, "estimator"))
-            kind = self._kinds[i] = state.constants._numba_type_
-            if kind not in self._filters:
-                self._filters[kind] = listed(state.constants, self.count)
-            put(self._filters[kind], i, state.constants)
-            self._beliefs[i] = state.belief
-            self.lanes.size[i] = state.belief.size
-            self.lanes.friction_at[i] = getattr(state.model, "found", {}).get("friction", -1)
+    def _constants(self, s: Scenario, estimator: Estimator) -> "Constants":
+        """Of a drive; what is written and drawn again and again is shared by all rows, whose caches it fits into."""
+        key = (id(s), id(estimator))
+        if key in self._shared:
+            return self._shared[key]
+        constants = _prepared(s, estimator, self.controller, self.encoder)
+        if any(s is written for written in self.episodes.written):
+            self._shared[key] = constants
+        return constants
+
+    def _place(self, i: int, own: "Constants") -> None:
+        """Give a row its constants, but for its noise."""
+        self._rows[i] = own
+        self._put("tasks", i, own.task)
+        self._put("views", i, own.view)
+        self._put("worths", i, own.worth)
+        if own.law is not None:
+            self._put("laws", i, own.law)
+        self.lanes.size[i], self.lanes.friction_at[i] = own.belief.size, own.friction_at
+        if own.kind is not None:
+            if own.kind not in self._filters:
+                self._filters[own.kind] = listed(own.filter, self.count)
+            put(self._filters[own.kind], i, own.filter)
 
     def _put(self, name: str, i: int, item: Any) -> None:
         if name not in self._lists:
@@ -200,9 +198,37 @@ class Rows:
         put(self._lists[name], i, item)
 
 
+class Constants(NamedTuple):
+    """What stays the same in a drive, but for its noise; what compiled code reads is held."""
+
+    road: p.Road
+    task: Any
+    view: Any
+    worth: Any
+    memory: Array  # of the reward, at the start
+    law: Any = None  # None: nobody controls
+    filter: Any = None  # rule and model; None: true states
+    kind: Any = None  # numba's type of the filter
+    belief: Array = NO_BELIEF  # before the first reading
+    friction_at: int = -1  # place of the friction in the belief; -1: it has none
+
+
+def _prepared(s: Scenario, estimator: Estimator, controller: Controller, encoder: Encoder) -> Constants:
+    told, worthy = s.nominal, worth(s)
+    task = s.manoeuvre.init(replace(told, vehicle=s.vehicle)).task
+    law = controller.init(told).constants if isinstance(controller, MomentControl) else None
+    constants = Constants(s.road, task, encoder.view(told), worthy, reward_memory(worthy.value), law)
+    if not isinstance(estimator, GaussianFilter):
+        return constants
+    state = estimator.init(told, stream(0, "estimator"))
+    place = getattr(state.model, "found", {}).get("friction", -1)
+    kind = state.constants._numba_type_
+    return constants._replace(filter=state.constants, kind=kind, belief=state.belief, friction_at=place)
+
+
 def _belief(estimator: Estimator, scenario: Scenario) -> Array:
     """What a filter believes before its first reading; nothing where there is no filter."""
     if not isinstance(estimator, GaussianFilter):
-        return np.empty(0)
+        return NO_BELIEF
     belief: Array = estimator.init(scenario.nominal, stream(0, "estimator")).belief
     return belief
