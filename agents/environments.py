@@ -1,5 +1,6 @@
 """What an agent is trained on: a task, and the environments that draw its drives."""
 
+import math
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any
@@ -84,10 +85,15 @@ def held_out(task: Task) -> Task:
     return replace(task, vehicle=("vw_vanagon", "tian2018_electric"), sensors=("cauchy_gaussian", "dropout"))
 
 
-def make_envs(task: Task, num_envs: int) -> VecEnv:
+def make_envs(task: Task, num_envs: int, worst: float = -math.inf) -> VecEnv:
     """Environments of a task as a net sees them; manoeuvres and cars share the rows.
 
     Compiled rows where all blocks are made for them, else one object for each.
+
+    Args:
+        task: What is driven.
+        num_envs: How many rows.
+        worst: The least reward that a net is shown, in its units.
 
     Raises:
         UnknownNameError, ValueError, TypeError: If a name or a number cannot be; the message says what can.
@@ -95,7 +101,7 @@ def make_envs(task: Task, num_envs: int) -> VecEnv:
     kinds = list(product(task.env, task.vehicle))[:num_envs]
     shares = np.diff(np.linspace(0, num_envs, len(kinds) + 1).round().astype(int)).tolist()
     parts = [_rows(name, car, task.settings, rows) for (name, car), rows in zip(kinds, shares, strict=True)]
-    return AsSeen(parts[0] if len(parts) == 1 else SideBySide(parts), task)
+    return AsSeen(parts[0] if len(parts) == 1 else SideBySide(parts), task, worst)
 
 
 def _rows(name: str, car: str, settings: dict[str, Any], rows: int) -> VecEnv:
@@ -162,10 +168,10 @@ class SideBySide(VecEnv):
 class AsSeen(VecEnvWrapper):
     """Many environments through :mod:`vse_gym.controllers.canonical`, as CanonicalView does with one."""
 
-    def __init__(self, venv: VecEnv, task: Task):
+    def __init__(self, venv: VecEnv, task: Task, worst: float = -math.inf):
         seen = spaces.Box(-REACH, REACH, venv.observation_space.shape, np.float32)
         super().__init__(venv, observation_space=seen)
-        self._form = held_canonical(task.observation, task.action)
+        self._form, self._worst = held_canonical(task.observation, task.action), worst
 
     def reset(self) -> NDArray[np.float32]:
         seen: NDArray[np.float32]
@@ -182,4 +188,4 @@ class AsSeen(VecEnvWrapper):
         for row in np.flatnonzero(dones):
             last = infos[row]["terminal_observation"]
             infos[row]["terminal_observation"] = all_to_canonical(self._form, last[None])[0][0]
-        return seen, rewards / REWARD_SIZE, dones, infos
+        return seen, np.maximum(rewards / REWARD_SIZE, self._worst), dones, infos

@@ -6,6 +6,7 @@ is written down after each, and a run that is gone on with repeats at most the s
 """
 
 import io
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from environments import Task, held_out, make_envs
-from settings import RATES, make, rate
+from settings import ALGORITHMS, RATES, make, rate
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -27,6 +28,7 @@ from vse_gym.sensors import stream
 CHECKPOINT = "checkpoint.pt"
 DRIVES, FIRST_HELD_OUT = 32, 7_000_000  # of each evaluation, and their first seed: of no table and no tuning
 FROM, TO = 2**30, 2**31  # between which training's seeds lie
+WORST = -10.0  # an early end's rewards, discounted as a critic that learns from a buffer does; all at once confuse it
 BUFFER = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 Progress = Callable[[int], None]
@@ -70,7 +72,8 @@ class Run:
     best: dict[str, Any] = field(default_factory=dict)  # parameters of the policy that drove best on held-out drives
 
     def __post_init__(self) -> None:
-        self.env = make_envs(self.task, self.settings["n_envs"])
+        off_policy = issubclass(ALGORITHMS[self.algorithm], OffPolicyAlgorithm)
+        self.env = make_envs(self.task, self.settings["n_envs"], WORST if off_policy else -math.inf)
         self.model: Any = make(self.algorithm, self.settings, self.env, self.seed)
         self.judge = Judge(self.task, self.drives)
 

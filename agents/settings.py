@@ -40,7 +40,7 @@ OFF_POLICY: dict[str, Any] = {
 KNOWN: dict[str, dict[str, Any]] = {
     "ppo": ON_POLICY,
     "recurrent_ppo": ON_POLICY,
-    "sac": {**OFF_POLICY, "ent_coef": str},  # "auto_0.1": found, from there on
+    "sac": {**OFF_POLICY, "ent_coef": str, "target_entropy": float},  # "auto_0.1": found, from there on
     "td3": {
         **OFF_POLICY,
         "policy_delay": int,
