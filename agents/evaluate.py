@@ -1,7 +1,7 @@
 """Agents as controllers, in the same drives and the same table as esc: who keeps the car on the road, by whose eyes?
 
     python agents/evaluate.py ppo_residual --estimators ekf --estimators ukf --study headline-v1 --seeds 5
-    python agents/evaluate.py ppo_residual sac_residual ppo_alone --estimators all --jobs 2 --out results/agents
+    python agents/evaluate.py ppo_residual ppo_alone --estimators all --jobs 2 --out results/agents
 
 An agent is the folder that train.py wrote, or the name of one of agents/trained. The matrix has the agents as rows,
 each with the estimators that it was trained with, and as columns the estimators that it drives with.
