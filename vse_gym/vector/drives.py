@@ -15,7 +15,7 @@ from vse_gym.env import StabilityControlEnv
 from vse_gym.types import Array
 from vse_gym.vector.rows import Rows, check_in_rows
 
-FEWEST = 16  # rows that are worth a thread of their own
+FEWEST = 128  # rows that are worth a thread of their own: fewer are done before another thread has woken up
 Flags = NDArray[np.bool_]
 NOBODY: Mapping[int, int] = {}
 
@@ -26,7 +26,7 @@ class Drives:
     Args:
         single: The environment that each row is; it says what is driven and is not driven itself.
         count: How many rows.
-        threads: How many threads share them; None: as many as cores, each with at least 16 rows.
+        threads: How many threads share them; None: as many as cores, each with at least 128 rows.
 
     Raises:
         ValueError: If a block is not made for compiled rows, or there is no row.

@@ -32,7 +32,7 @@ class StabilityControlVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], 
 
     Args:
         num_envs: How many rows.
-        threads: How many threads share them; None: as many as cores, each with at least 16 rows.
+        threads: How many threads share them; None: as many as cores, each with at least 128 rows.
         kwargs: Of :class:`StabilityControlEnv`.
 
     Raises:

@@ -26,7 +26,7 @@ class StableBaselinesEnv(VecEnv):
     Args:
         name: An id of this package, "vse_gym/DoubleLaneChange-v0".
         num_envs: How many rows.
-        threads: How many threads share them; None: as many as cores, each with at least 16 rows.
+        threads: How many threads share them; None: as many as cores, each with at least 128 rows.
         kwargs: Of :class:`StabilityControlEnv`.
 
     Raises:
