@@ -14,8 +14,9 @@ from gymnasium.utils.env_checker import check_env
 
 import vse_gym
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS
+from vse_gym.controllers.canonical import ACTIONS
 from vse_gym.controllers.observation import LAYOUTS
-from vse_gym.env import ACTIONS, IDS
+from vse_gym.env import IDS
 from vse_gym.estimators.base import Estimator
 from vse_gym.physics import parameters as p
 from vse_gym.types import Estimate

@@ -13,6 +13,7 @@ from vse_gym.catalogue import CONTROLLERS
 from vse_gym.compiled import hold
 from vse_gym.controllers.allocation import agent_demand, as_torques
 from vse_gym.controllers.base import Controller, NoControl
+from vse_gym.controllers.canonical import ACTIONS
 from vse_gym.controllers.esc import StabilityControl
 from vse_gym.controllers.observation import Encoder
 from vse_gym.episodes import AS_WRITTEN, episodes
@@ -26,8 +27,6 @@ from vse_gym.reward import INTERVENTION, MOVING, PEAK, SQUARES, Worth, reward_me
 from vse_gym.sensors import Sensors
 from vse_gym.simulation import Frame, Scenario, Simulation
 from vse_gym.types import NO_BRAKE, Array, BrakeDemand, Estimate
-
-ACTIONS = {"brakes": 4, "yaw_moment": 1}
 
 
 class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):

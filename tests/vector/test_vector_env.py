@@ -7,8 +7,9 @@ from gymnasium.vector import AutoresetMode
 
 import vse_gym
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS
+from vse_gym.controllers.canonical import ACTIONS
 from vse_gym.controllers.observation import LAYOUTS
-from vse_gym.env import ACTIONS, IDS, StabilityControlEnv
+from vse_gym.env import IDS, StabilityControlEnv
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.randomise import Randomise
 from vse_gym.types import Driver
