@@ -163,7 +163,7 @@ def drive_rows(index, held, plants, tasks, actions, by_moment, runge_kutta, subs
         _, geometry, vehicle, _, _ = plants[i].value
         m = v.motion[i]
         demand = agent_demand(geometry, v.base[i, 0], v.base[i, 1], actions[i], by_moment, m[0], m[2], v.u[i, U_STEER])
-        hand_wheel, drive, brake, driver = drive_car(tasks[i].value, v.driver[i], v.k[i], v.state[i])
+        hand_wheel, drive, brake, driver = drive_car(tasks[i], v.driver[i], v.k[i], v.state[i])
         for j in range(4):
             v.asked[i, 0, j], v.asked[i, 1, j], v.brake[i, j] = demand[0][j], demand[1][j], brake[j]
             torques[0, j], torques[1, j], torques[2, j], torques[3, j] = drive[j], brake[j], demand[0][j], demand[1][j]
@@ -240,8 +240,8 @@ def judge(v, i, plant, worth, task):
     """Whether a row's drive is over, what it has cost so far and what the step was worth."""
     x, m, added, release = v.state[i], v.motion[i], v.asked[i, 0], v.asked[i, 1]
     v.ended[i] = ending(x, m)
-    bounds, room = task.value.bounds, task.value.room
-    if v.ended[i] == GOES_ON and room < math.inf and strayed_beyond(bounds, room, x[X], x[Y]):
+    room = task.value.room
+    if v.ended[i] == GOES_ON and room < math.inf and strayed_beyond(task.value.bounds, room, x[X], x[Y]):
         v.ended[i] = OFF_COURSE
     v.totals[i] = tally(worth, v.totals[i], x, m, added, release)
     _, _, vehicle, road, _ = plant.value
