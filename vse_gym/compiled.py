@@ -128,11 +128,11 @@ def _source_file(thing: Any) -> Path:
         return Path("<typed in>")
 
 
-def _include_types_of(value: Any) -> None:
-    if isinstance(value, tuple):
-        if hasattr(value, "_fields") and not type(value).__module__.startswith("vse_gym."):
-            _include_in_digest(type(value), _source_file(type(value)))
-        for part in value:
+def _include_types_of(value: tuple[Any, ...]) -> None:
+    if hasattr(value, "_fields") and not type(value).__module__.startswith("vse_gym."):
+        _include_in_digest(type(value), _source_file(type(value)))
+    for part in value:
+        if isinstance(part, tuple):  # asked here: a call for each number of a car would be most of a hold's time
             _include_types_of(part)
 
 

@@ -157,11 +157,18 @@ def press(pedals, pressed, speed, state):
 
 
 @compiled
-def drive_car(task, memory, k, state):
+def _cues(script, k):
+    """Row k of a script; beyond its end the last one holds."""
+    k = min(max(k, 0), script.hands.size - 1)
+    return script.hands[k], script.hand_wheel[k], script.speed[k], script.acceleration[k], script.deceleration[k]
+
+
+@compiled
+def drive_car(held, memory, k, state):
     """What the driver does from step k until the next.
 
     Args:
-        task: A Task; beyond its script the last entry holds.
+        held: A Task, held: handed over by value, its arrays' references would be counted at every use, for 0.1 us.
         memory: See :func:`first_memory`; it stays as it is.
         k: Control step.
         state: Of the plant, (STATE_SIZE,).
@@ -169,26 +176,25 @@ def drive_car(task, memory, k, state):
     Returns:
         hand_wheel [rad], drive and brake torques, (4,) each [N m], memory after.
     """
-    script, pedals, after = task.script, task.pedals, memory.copy()
-    k = min(max(k, 0), script.hands.size - 1)
-    hands = script.hands[k]
+    after = memory.copy()
+    hands, hand_wheel, speed, acceleration, deceleration = _cues(held.value.script, k)
     if hands == FOLLOW:
-        steer(task.arms, task.guide, memory, state, after)
+        steer(held.value.arms, held.value.guide, memory, state, after)
     elif hands == TURN_TO:
-        after[ANGLE] = script.hand_wheel[k]
-    elif hands == TURN_ON and abs(state[AY]) < script.stops:
-        after[ANGLE] += script.hand_wheel[k] * task.dt
-    if state[X] > script.lifts:
+        after[ANGLE] = hand_wheel
+    elif hands == TURN_ON and abs(state[AY]) < held.value.script.stops:
+        after[ANGLE] += hand_wheel * held.value.dt
+    if state[X] > held.value.script.lifts:
         after[PRESSED] = 0.0
-    elif math.isnan(script.speed[k]):
-        after[PRESSED] = script.acceleration[k]
+    elif math.isnan(speed):
+        after[PRESSED] = acceleration
     else:
-        after[PRESSED] = press(pedals, memory[PRESSED], script.speed[k], state)
-    return after[ANGLE], after[PRESSED] * pedals.drive, script.deceleration[k] * pedals.brake, after
+        after[PRESSED] = press(held.value.pedals, memory[PRESSED], speed, state)
+    pedals = held.value.pedals
+    return after[ANGLE], after[PRESSED] * pedals.drive, deceleration * pedals.brake, after
 
 
 @compiled
 def drive_at(held, memory, time, state):
-    """As :func:`drive_car` at a time [s], of a task that is held."""
-    task = held.value
-    return drive_car(task, memory, int(np.rint(time / task.dt)), state)
+    """As :func:`drive_car` at a time [s]."""
+    return drive_car(held, memory, int(np.rint(time / held.value.dt)), state)

@@ -37,8 +37,9 @@ from vse_gym.physics.tyres import tyre_force
 SPEED_FLOOR = 0.5  # slip is taken relative to at least this speed [m/s]
 
 # Columns of the scratch table of one force evaluation, a row per wheel.
-FX, FY, MZ, STIFFNESS, LOAD, ARM_X, ARM_Y, COS, SIN, SLIP, RADIUS = range(11)
-CONTACT = 11
+FX, FY, MZ, STIFFNESS, LOAD, SLIP = range(6)
+ARM_X, ARM_Y, COS, SIN, RADIUS, REST, BY_AX, BY_MOMENT = range(6, 14)  # these stay through a control step
+CONTACT = 14
 
 
 @compiled
@@ -63,23 +64,26 @@ def wheel_velocity(vehicle, i, vx, vy, yaw_rate, steer):
 
 
 @compiled
-def wheel_load(vehicle, i, ax, ay, gravity):
-    """Vertical load of wheel i under specific forces ax, ay [m/s2], quasi-static, never negative [N]."""
-    return leaned_load(vehicle, i, ax, vehicle.mass * ay * vehicle.height, gravity)
+def load_shares(vehicle, i):
+    """Vertical load of wheel i for each m/s2 of gravity [kg], for each m/s2 along the car [kg], and for each newton
+    metre of the moment about its long axis [1/m].
+    """
+    wheelbase = vehicle.lf + vehicle.lr
+    by_ax = vehicle.mass * vehicle.height / (2 * wheelbase)
+    if i < 2:
+        rest, by_ax = vehicle.mass * vehicle.lr / (2 * wheelbase), -by_ax
+        by_moment = vehicle.front_transfer / vehicle.track_front
+    else:
+        rest = vehicle.mass * vehicle.lf / (2 * wheelbase)
+        by_moment = (1 - vehicle.front_transfer) / vehicle.track_rear
+    return rest, by_ax, (-by_moment if i % 2 == 0 else by_moment)
 
 
 @compiled
-def leaned_load(vehicle, i, ax, across, gravity):
-    """The same under an overturning moment across the car [N m]."""
-    wheelbase = vehicle.lf + vehicle.lr
-    along = vehicle.mass * ax * vehicle.height / (2 * wheelbase)
-    if i < 2:
-        load = vehicle.mass * gravity * vehicle.lr / (2 * wheelbase) - along
-        across *= vehicle.front_transfer / vehicle.track_front
-    else:
-        load = vehicle.mass * gravity * vehicle.lf / (2 * wheelbase) + along
-        across *= (1 - vehicle.front_transfer) / vehicle.track_rear
-    return max(0.0, load - across if i % 2 == 0 else load + across)
+def wheel_load(vehicle, i, ax, ay, gravity):
+    """Vertical load of wheel i under specific forces ax, ay [m/s2], quasi-static, never negative [N]."""
+    rest, by_ax, by_moment = load_shares(vehicle, i)
+    return max(0.0, rest * gravity + by_ax * ax + by_moment * vehicle.mass * ay * vehicle.height)
 
 
 @compiled
@@ -92,25 +96,31 @@ def segment(road, distance):
 
 
 @compiled
-def contact(vehicle, road, x, steer, wheels):
-    """Evaluate the four tyres at state x; fill ``wheels`` (4, CONTACT) with forces in wheel axes and geometry.
+def place_wheels(vehicle, steer, wheels):
+    """Fill the columns of ``wheels`` (4, CONTACT) that stay the same while the steering angle does."""
+    for i in range(4):
+        wheels[i, ARM_X], wheels[i, ARM_Y] = wheel_position(vehicle, i)
+        wheels[i, COS], wheels[i, SIN] = (math.cos(steer), math.sin(steer)) if i < 2 else (1.0, 0.0)
+        wheels[i, RADIUS] = vehicle.wheel_radius * (1 + vehicle.radius_error[i])
+        wheels[i, REST], wheels[i, BY_AX], wheels[i, BY_MOMENT] = load_shares(vehicle, i)
 
-    STIFFNESS is the derivative of FX with respect to the slip velocity R w - v [N s/m].
+
+@compiled
+def tyre_forces(vehicle, road, x, gravity, wheels):
+    """Evaluate the four tyres at state x; fill the other columns of ``wheels``, with forces in wheel axes.
+
+    STIFFNESS is the derivative of FX with respect to the slip velocity R w - v [N s/m]. ``gravity`` is that across
+    the road, see :func:`gravity_on` [m/s2].
     """
-    here = segment(road, x[DISTANCE])
-    gravity = GRAVITY * math.cos(road.slope[here]) * math.cos(road.bank[here])
-    cos_steer, sin_steer = math.cos(steer), math.sin(steer)
     leaning = overturning(vehicle.body, vehicle, x)
     for i in range(4):
-        px, py = wheel_position(vehicle, i)
-        c, s = (cos_steer, sin_steer) if i < 2 else (1.0, 0.0)
+        px, py, c, s = wheels[i, ARM_X], wheels[i, ARM_Y], wheels[i, COS], wheels[i, SIN]
         along, across = x[VX] - x[YAW_RATE] * py, x[VY] + x[YAW_RATE] * px
         v = along * c + across * s
         base = 1.0 / max(abs(v), SPEED_FLOOR)
-        radius = vehicle.wheel_radius * (1 + vehicle.radius_error[i])
-        kappa = (radius * x[WHEEL + i] - v) * base
-        tan_alpha = (along * s - across * c) * base
-        load = leaned_load(vehicle, i, x[LOAD_AX], leaning, gravity)
+        slip = wheels[i, RADIUS] * x[WHEEL + i] - v
+        kappa, tan_alpha = slip * base, (along * s - across * c) * base
+        load = max(0.0, wheels[i, REST] * gravity + wheels[i, BY_AX] * x[LOAD_AX] + wheels[i, BY_MOMENT] * leaning)
         under = segment(road, x[DISTANCE] + px)
         friction = road.friction_left[under] if i % 2 == 0 else road.friction_right[under]
         if i < 2:
@@ -118,8 +128,15 @@ def contact(vehicle, road, x, steer, wheels):
         else:
             fx, fy, mz, slope = tyre_force(vehicle.rear_tyre, kappa, tan_alpha, load, friction)
         wheels[i, FX], wheels[i, FY], wheels[i, MZ], wheels[i, STIFFNESS] = fx, fy, mz, slope * base
-        wheels[i, SLIP], wheels[i, RADIUS] = radius * x[WHEEL + i] - v, radius
-        wheels[i, LOAD], wheels[i, ARM_X], wheels[i, ARM_Y], wheels[i, COS], wheels[i, SIN] = load, px, py, c, s
+        wheels[i, LOAD], wheels[i, SLIP] = load, slip
+
+
+@compiled
+def contact(vehicle, road, x, steer, wheels):
+    """Fill all of ``wheels`` (4, CONTACT): where the wheels are, and what their tyres do at state x."""
+    place_wheels(vehicle, steer, wheels)
+    gravity, _, _ = gravity_on(road, segment(road, x[DISTANCE]))
+    tyre_forces(vehicle, road, x, gravity, wheels)
 
 
 @compiled
@@ -142,14 +159,15 @@ def specific_forces(vehicle, wheels):
         fx += along
         fy += across
         mz += wheels[i, ARM_X] * across - wheels[i, ARM_Y] * along + wheels[i, MZ]
-    return fx / vehicle.mass, fy / vehicle.mass, mz / vehicle.yaw_inertia
+    by_mass = 1 / vehicle.mass
+    return fx * by_mass, fy * by_mass, mz * (1 / vehicle.yaw_inertia)
 
 
 @compiled
-def pull(road, distance):
-    """Acceleration by gravity along and across the car on a slope and a bank [m/s2]."""
-    here = segment(road, distance)
-    return -GRAVITY * math.sin(road.slope[here]), -GRAVITY * math.sin(road.bank[here])
+def gravity_on(road, k):
+    """Gravity on segment k: what presses the car onto it, and what pulls it along and across [m/s2]."""
+    slope, bank = road.slope[k], road.bank[k]
+    return GRAVITY * math.cos(slope) * math.cos(bank), -GRAVITY * math.sin(slope), -GRAVITY * math.sin(bank)
 
 
 @compiled
@@ -174,9 +192,10 @@ def _end_force(force, stiffness, slip, push, compliance):
     would turn slip round for ever. Then the secant, which never lets friction overshoot.
     """
     change = push / (1 + compliance * stiffness)
-    if slip * (slip + change) < 0:
-        stiffness = max(stiffness, force / slip)
-    return force + stiffness * push / (1 + compliance * stiffness)
+    if slip * (slip + change) < 0 and force / slip > stiffness:
+        stiffness = force / slip
+        change = push / (1 + compliance * stiffness)
+    return force + stiffness * change
 
 
 @compiled
@@ -187,14 +206,13 @@ def _settle_wheels(vehicle, x, inputs, h, ax, ay, yaw_acceleration, wheels):
     FX'. A wheel's own reaction on the car's speed counts four times, as if all wheels did alike. Wheel and car feel
     the same FX', so momentum is kept exactly.
     """
-    inertia = vehicle.wheel_inertia
+    gain, share = h / vehicle.wheel_inertia, 4 * h / vehicle.mass
     dvx, dvy = ax + x[VY] * x[YAW_RATE], ay - x[VX] * x[YAW_RATE]
     for i in range(4):
         c, s, radius = wheels[i, COS], wheels[i, SIN], wheels[i, RADIUS]
         dv = (dvx - yaw_acceleration * wheels[i, ARM_Y]) * c + (dvy + yaw_acceleration * wheels[i, ARM_X]) * s
         force, stiffness, speed = wheels[i, FX], wheels[i, STIFFNESS], x[WHEEL + i]
         drive, brake = inputs.drive[i], inputs.brake[i]
-        share = 4 * h / vehicle.mass
         direction = 1.0
         if brake > 0:
             held = _end_force(force, stiffness, wheels[i, SLIP], -h * dv, share)  # FX' if the wheel stands still
@@ -203,9 +221,9 @@ def _settle_wheels(vehicle, x, inputs, h, ax, ay, yaw_acceleration, wheels):
                 wheels[i, FX] = held
                 continue
         torque = drive - direction * brake
-        push = h * (radius * (torque - radius * force) / inertia - dv)
-        force = _end_force(force, stiffness, wheels[i, SLIP], push, share + h * radius * radius / inertia)
-        after = speed + h * (torque - radius * force) / inertia
+        push = radius * gain * (torque - radius * force) - h * dv
+        force = _end_force(force, stiffness, wheels[i, SLIP], push, share + gain * radius * radius)
+        after = speed + gain * (torque - radius * force)
         if brake > 0 and speed * after < 0:
             after = 0.0
         wheels[i, FX] = force
@@ -220,12 +238,16 @@ def advance(vehicle, road, state, inputs, steps, h):
     First order; stable at 1 ms from standstill to any speed, with wheels that spin, lock or stand.
     """
     x = state.copy()
-    wheels = np.empty((4, CONTACT))
+    wheels, here = np.empty((4, CONTACT)), segment(road, x[DISTANCE])
+    place_wheels(vehicle, inputs.steer, wheels)
+    gravity, gx, gy = gravity_on(road, here)
     for _ in range(steps):
-        contact(vehicle, road, x, inputs.steer, wheels)
+        if segment(road, x[DISTANCE]) != here:
+            here = segment(road, x[DISTANCE])
+            gravity, gx, gy = gravity_on(road, here)
+        tyre_forces(vehicle, road, x, gravity, wheels)
         fx, fy, mz = specific_forces(vehicle, wheels)
         ax, ay, yaw_acceleration, _ = accelerations(vehicle.body, vehicle, x, fx, fy, mz, h)
-        gx, gy = pull(road, x[DISTANCE])
         _settle_wheels(vehicle, x, inputs, h, ax + gx, ay + gy, yaw_acceleration, wheels)
         fx, fy, mz = specific_forces(vehicle, wheels)
         ax, ay, yaw_acceleration, roll_acceleration = accelerations(vehicle.body, vehicle, x, fx, fy, mz, h)

@@ -25,7 +25,7 @@ from vse_gym.physics.double_track import (
     SLIP,
     brake_direction,
     contact,
-    pull,
+    gravity_on,
     segment,
     specific_forces,
 )
@@ -112,7 +112,7 @@ def derivative(vehicle, road, x, inputs, direction, wheels, dx):
         unsteady_contact(vehicle, road, x, wheels, dx)
     fx, fy, mz = specific_forces(vehicle, wheels)
     ax, ay, yaw_acceleration, roll_acceleration = accelerations(vehicle.body, vehicle, x, fx, fy, mz, 0.0)
-    gx, gy = pull(road, x[DISTANCE])
+    _, gx, gy = gravity_on(road, segment(road, x[DISTANCE]))
     cos_yaw, sin_yaw = math.cos(x[YAW]), math.sin(x[YAW])
     dx[X] = x[VX] * cos_yaw - x[VY] * sin_yaw
     dx[Y] = x[VX] * sin_yaw + x[VY] * cos_yaw
@@ -169,6 +169,6 @@ def advance_reference(vehicle, road, state, inputs, steps, h):
         unsteady_contact(vehicle, road, x, wheels, dx)
     fx, fy, mz = specific_forces(vehicle, wheels)
     ax, ay, _, _ = accelerations(vehicle.body, vehicle, x, fx, fy, mz, 0.0)
-    _, gy = pull(road, x[DISTANCE])
+    _, _, gy = gravity_on(road, segment(road, x[DISTANCE]))
     x[AX], x[AY] = ax, felt(vehicle.body, x, ay, gy)
     return x

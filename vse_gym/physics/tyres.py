@@ -70,14 +70,12 @@ def _(tyre, kappa, tan_alpha, load, friction):
     limit = friction * load + TINY
     share = _load_share(tyre, load)
     slip_stiffness = share * tyre.slip_stiffness
-    ux = slip_stiffness * kappa / limit
-    uy = share * tyre.cornering_stiffness * tan_alpha / limit
-    u = math.sqrt(ux * ux + uy * uy) + TINY  # so that a rolling tyre has a direction too
+    fx, fy = slip_stiffness * kappa, share * tyre.cornering_stiffness * tan_alpha  # of a tyre that never slides
+    u = math.sqrt(fx * fx + fy * fy) / limit + TINY  # so that a rolling tyre has a direction too
     p, dp = polynomial(u)
-    cx, cy = ux / u, uy / u
-    secant = p / u
-    slope = slip_stiffness * (secant + (dp - secant) * cx * cx)
-    return limit * p * cx, limit * p * cy, 0.0, slope
+    inverse = 1 / u
+    secant, cx = p * inverse, fx / limit * inverse
+    return secant * fx, secant * fy, 0.0, slip_stiffness * (secant + (dp - secant) * cx * cx)
 
 
 @compiled

@@ -5,7 +5,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -49,7 +48,6 @@ class StabilityControlVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], 
         self.single_action_space, self.single_observation_space = single.action_space, single.observation_space
         self.action_space = batch_space(single.action_space, num_envs)
         self.observation_space = batch_space(single.observation_space, num_envs)
-        self._generators: list[np.random.Generator] = []
         self._over = np.zeros(num_envs, dtype=bool)
         self._every = np.ones(num_envs, dtype=bool)  # rows that have a key of info: all
         self._masks: dict[str, dict[str, Flags]] = {group: {} for group, _ in PLACES}
@@ -63,12 +61,8 @@ class StabilityControlVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], 
         seeds = self._seeds(seed)
         if len(seeds) != self.num_envs:
             raise ValueError(f"reset needs {self.num_envs} seeds, one for each row, not {len(seeds)}")
-        if not self._generators:
-            self._generators = [seeding.np_random(None)[0] for _ in seeds]
         for i, own in enumerate(seeds):
-            if own is not None:
-                self._generators[i] = seeding.np_random(own)[0]
-            self.drives.start(i, self._drive(i) if own is None else own)
+            self.drives.start(i, own)
         self._over[:] = False
         return self.drives.all_of("observation"), self._info()
 
@@ -81,7 +75,7 @@ class StabilityControlVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], 
         values = np.ascontiguousarray(actions, dtype=float)
         if values.shape != self.action_space.shape or not np.isfinite(values).all():
             raise ValueError(f"actions must be finite and have the shape {self.action_space.shape}, not {actions!r}")
-        self.drives.step(values, {i: self._drive(i) for i in np.flatnonzero(self._over).tolist()})
+        self.drives.step(values, np.flatnonzero(self._over).tolist())
         terminated, truncated = self.drives.over()
         self._over = terminated | truncated
         return self.drives.all_of("observation"), self.drives.all_of("reward"), terminated, truncated, self._info()
@@ -96,10 +90,6 @@ class StabilityControlVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], 
         if isinstance(seed, int | np.integer):
             return [int(seed) + i for i in range(self.num_envs)]
         return list(seed)
-
-    def _drive(self, i: int) -> int:
-        """The seed of row i's next drive."""
-        return int(self._generators[i].integers(2**62))
 
     def _info(self) -> dict[str, Any]:
         columns, spread = self.drives.describe().T, self.drives.all_of("spread")

@@ -122,6 +122,11 @@ def lanes(rows: int, unit: int, delay: int, driver: int, belief: int, features: 
     )
 
 
+def some_of(every: Lanes, rows: slice) -> Lanes:
+    """The lanes of some rows: views of the same arrays."""
+    return Lanes._make(field[rows] for field in every)
+
+
 @compiled
 def listed(first, count):
     """A list of held constants, all of them the first; of a type that compiled code reads without asking."""
@@ -158,7 +163,7 @@ def drive_rows(index, held, plants, tasks, actions, by_moment, runge_kutta, subs
         _, geometry, vehicle, _, _ = plants[i].value
         m = v.motion[i]
         demand = agent_demand(geometry, v.base[i, 0], v.base[i, 1], actions[i], by_moment, m[0], m[2], v.u[i, U_STEER])
-        hand_wheel, drive, brake, driver = drive_car(tasks[i].value, v.driver[i], v.k[i], v.state[i])
+        hand_wheel, drive, brake, driver = drive_car(tasks[i], v.driver[i], v.k[i], v.state[i])
         for j in range(4):
             v.asked[i, 0, j], v.asked[i, 1, j], v.brake[i, j] = demand[0][j], demand[1][j], brake[j]
             torques[0, j], torques[1, j], torques[2, j], torques[3, j] = drive[j], brake[j], demand[0][j], demand[1][j]
@@ -222,49 +227,62 @@ def tell_rows(index, held):
 
 
 @compiled
-def complete_rows(index, held):
+def complete(v, i):
     """What an estimator has no opinion of is what was last heard."""
-    v = held.value
-    for i in index:
-        m = v.motion[i]
-        for j, channel in ((2, Y_YAW_RATE), (3, Y_AX), (4, Y_AY)):
-            if math.isnan(m[j]):
-                m[j] = v.sensed[i, 0, channel]
+    m = v.motion[i]
+    for j, channel in ((2, Y_YAW_RATE), (3, Y_AX), (4, Y_AY)):
+        if math.isnan(m[j]):
+            m[j] = v.sensed[i, 0, channel]
 
 
 @compiled
-def judge_rows(index, held, plants, worths, tasks):
-    """Whether each row's drive is over, what it has cost so far and what the step was worth."""
-    v = held.value
-    for i in index:
-        x, m, added, release = v.state[i], v.motion[i], v.asked[i, 0], v.asked[i, 1]
-        v.ended[i] = ending(x, m)
-        task = tasks[i].value
-        if v.ended[i] == GOES_ON and task.room < math.inf and strayed_beyond(task.bounds, task.room, x[X], x[Y]):
-            v.ended[i] = OFF_COURSE
-        v.totals[i] = tally(worths[i], v.totals[i], x, m, added, release)
-        _, _, vehicle, road, _ = plants[i].value
-        friction = road_friction(vehicle, road, x[DISTANCE])
-        v.reward[i], v.wanted[i] = step_reward(worths[i], v.wanted[i], x, v.steer[i], added, v.brake[i], friction)
-        if v.ended[i] != GOES_ON:
-            v.reward[i] -= v.steps[i] - v.k[i]
+def judge(v, i, plant, worth, task):
+    """Whether a row's drive is over, what it has cost so far and what the step was worth."""
+    x, m, added, release = v.state[i], v.motion[i], v.asked[i, 0], v.asked[i, 1]
+    v.ended[i] = ending(x, m)
+    room = task.value.room
+    if v.ended[i] == GOES_ON and room < math.inf and strayed_beyond(task.value.bounds, room, x[X], x[Y]):
+        v.ended[i] = OFF_COURSE
+    v.totals[i] = tally(worth, v.totals[i], x, m, added, release)
+    _, _, vehicle, road, _ = plant.value
+    friction = road_friction(vehicle, road, x[DISTANCE])
+    v.reward[i], v.wanted[i] = step_reward(worth, v.wanted[i], x, v.steer[i], added, v.brake[i], friction)
+    if v.ended[i] != GOES_ON:
+        v.reward[i] -= v.steps[i] - v.k[i]
 
 
 @compiled
-def observe_rows(index, held, views, layout):
-    """What an agent sees of each row."""
-    v, zero = held.value, np.zeros(3)
+def observe(v, i, view, layout):
+    """What an agent sees of a row."""
+    x = v.state[i]
+    if layout == READING:
+        observation, v.seen[i] = see_readings(view, v.seen[i], v.sensed[i, 0], v.y[i], v.u[i, U_STEER])
+    elif layout == TRUTH:
+        motion = np.array([x[VX], x[VY], x[YAW_RATE], x[AX], x[AY]])
+        observation, v.seen[i] = see_motion(view, v.seen[i], motion, np.zeros(3), v.steer[i])
+    else:
+        observation, v.seen[i] = see_motion(view, v.seen[i], v.motion[i], v.spread[i], v.u[i, U_STEER])
+    for j in range(observation.size):
+        v.observation[i, j] = observation[j]
+
+
+@compiled
+def begin_rows(index, held, views, layout):
+    """What is known of each row before its first step."""
+    v = held.value
     for i in index:
-        x = v.state[i]
-        if layout == READING:
-            observation, v.seen[i] = see_readings(views[i], v.seen[i], v.sensed[i, 0], v.y[i], v.u[i, U_STEER])
-        elif layout == TRUTH:
-            motion = np.array([x[VX], x[VY], x[YAW_RATE], x[AX], x[AY]])
-            observation, v.seen[i] = see_motion(views[i], v.seen[i], motion, zero, v.steer[i])
-        else:
-            observation, v.seen[i] = see_motion(views[i], v.seen[i], v.motion[i], v.spread[i], v.u[i, U_STEER])
-        for j in range(observation.size):
-            v.observation[i, j] = observation[j]
+        complete(v, i)
+        observe(v, i, views[i], layout)
+
+
+@compiled
+def judge_rows(index, held, plants, worths, tasks, views, layout):
+    """What comes of each row's step, once its estimator has spoken."""
+    v = held.value
+    for i in index:
+        complete(v, i)
+        judge(v, i, plants[i], worths[i], tasks[i])
+        observe(v, i, views[i], layout)
 
 
 @compiled

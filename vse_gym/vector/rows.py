@@ -30,7 +30,8 @@ from vse_gym.vector.lanes import (
     ESTIMATE,
     READING,
     TRUTH,
-    complete_rows,
+    Lanes,
+    begin_rows,
     decide_rows,
     describe_rows,
     drive_rows,
@@ -38,7 +39,6 @@ from vse_gym.vector.lanes import (
     judge_rows,
     lanes,
     listed,
-    observe_rows,
     put,
     tell_rows,
 )
@@ -89,22 +89,27 @@ def _check_scripted(manoeuvre: Manoeuvre) -> None:
         raise ValueError(f"{type(manoeuvre).__name__} has a driver of its own; {SINGLE} manoeuvre")
 
 
+def lanes_of(episodes: Episodes, encoder: Encoder, count: int) -> Lanes:
+    """Lanes that have room for whatever is drawn."""
+    first = episodes.written[0]
+    driver = first.manoeuvre.init(first.nominal).memory.size
+    delay = max(round(s.sensors.delay / s.dt) for s in episodes.written)
+    beliefs = [_belief(e, s).size for e in episodes.estimators for s in episodes.written]
+    unit = released_brakes(first.brake_unit, first.dt).shape[0]
+    return lanes(count, unit, delay, driver, max(beliefs), encoder.low.size)
+
+
 class Rows:
     """n drives. ``start`` begins a row's drive anew, ``step`` drives rows on; ``lanes`` says where they are."""
 
-    def __init__(self, episodes: Episodes, controller: Controller, action: str, encoder: Encoder, count: int):
-        self.episodes, self.controller, self.encoder, self.count = episodes, controller, encoder, count
+    def __init__(self, episodes: Episodes, controller: Controller, action: str, encoder: Encoder, own: Lanes):
+        self.episodes, self.controller, self.encoder, self.count = episodes, controller, encoder, own.k.size
         self._by_moment, self._layout = action == "yaw_moment", LAYOUTS[encoder.layout]
         first = episodes.written[0]
         self._substeps, self._substep = first.substeps, first.substep
         self._runge_kutta = first.integrator == "runge_kutta"
-        driver = first.manoeuvre.init(first.nominal).memory.size
-        delay = max(round(s.sensors.delay / s.dt) for s in episodes.written)
-        beliefs = [_belief(e, s).size for e in episodes.estimators for s in episodes.written]
-        unit = released_brakes(first.brake_unit, first.dt).shape[0]
-        self.lanes = lanes(count, unit, delay, driver, max(beliefs), encoder.low.size)
-        self._held = hold(self.lanes)
-        self._rows: list[Constants | None] = [None] * count
+        self.lanes, self._held = own, hold(own)
+        self._rows: list[Constants | None] = [None] * self.count
         self._shared: dict[tuple[int, int], Constants] = {}  # of what is written, by scenario and estimator
         self._filters: dict[Any, Any] = {}  # lists of rule and model, by kind
         self._lists: dict[str, Any] = {}  # of what every row has
@@ -129,7 +134,7 @@ class Rows:
         v.u[i], v.y[i], v.sensed[i, : v.depth[i]] = read_sensors(record, 0, v.state[i], rest, memory)
         v.belief[i, : v.size[i]] = own.belief
         self._estimate(row)
-        observe_rows(row, self._held, self._lists["views"], self._layout)
+        begin_rows(row, self._held, self._lists["views"], self._layout)
         self._grouped = self._grouped[:0]
 
     def step(self, index: Index, actions: Array, again: Sequence[tuple[int, int]] = ()) -> None:
@@ -146,15 +151,13 @@ class Rows:
         way = (self._runge_kutta, self._substeps, self._substep)
         drive_rows(index, held, lists["plants"], lists["tasks"], actions, self._by_moment, *way)
         self._estimate(index)
-        judge_rows(index, held, lists["plants"], lists["worths"], lists["tasks"])
-        observe_rows(index, held, lists["views"], self._layout)
+        judge_rows(index, held, lists["plants"], lists["worths"], lists["tasks"], lists["views"], self._layout)
         for i, seed in again:
             self.start(i, seed)
 
-    def describe(self) -> Array:
-        """The table of ``lanes.TABLE``, as it is now, (n, columns)."""
+    def describe(self) -> None:
+        """Bring the table of ``lanes.TABLE`` up to date."""
         describe_rows(self._held, self._lists["worths"])
-        return self.lanes.table.copy()
 
     def _estimate(self, index: Index) -> None:
         if index is not self._grouped:
@@ -166,7 +169,6 @@ class Rows:
                 tell_rows(rows, self._held)
             else:
                 filter_rows(rows, self._held, self._filters[kind])
-        complete_rows(index, self._held)
 
     def _constants(self, s: Scenario, estimator: Estimator) -> "Constants":
         """Of a drive; what is written and drawn again and again is shared by all rows, whose caches it fits into."""

@@ -6,7 +6,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
@@ -41,7 +40,6 @@ class StableBaselinesEnv(VecEnv):
             raise UnknownNameError(f"no environment named {name!r}; known: {', '.join(IDS)}")
         self.single = StabilityControlEnv(IDS[name], **kwargs)
         self.drives = Drives(self.single, num_envs, threads)
-        self._generators = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._returns, self._lengths = np.zeros(num_envs), np.zeros(num_envs, dtype=int)
         self._begin = monotonic()
         super().__init__(num_envs, self.single.observation_space, self.single.action_space)
@@ -49,9 +47,7 @@ class StableBaselinesEnv(VecEnv):
     def reset(self) -> NDArray[np.float32]:
         """Start all drives, with the seeds that ``seed`` has set aside."""
         for i, seed in enumerate(self._seeds):
-            if seed is not None:
-                self._generators[i] = seeding.np_random(seed)[0]
-            self.drives.start(i, self._drive(i) if seed is None else seed)
+            self.drives.start(i, seed)
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
@@ -82,7 +78,7 @@ class StableBaselinesEnv(VecEnv):
             episode = {"r": float(self._returns[i]), "l": int(self._lengths[i]), "t": monotonic() - self._begin}
             infos[i] |= {"terminal_observation": observation[i].copy(), "episode": episode}
             infos[i] |= {"TimeLimit.truncated": bool(truncated[i])}
-            drives.start(i, self._drive(i))
+            drives.start(i)
             self._returns[i], self._lengths[i] = 0.0, 0
         if over.size:
             observation = drives.all_of("observation")
@@ -118,7 +114,3 @@ class StableBaselinesEnv(VecEnv):
 
     def _rows(self, indices: VecEnvIndices) -> Sequence[int]:
         return list(self._get_indices(indices))
-
-    def _drive(self, i: int) -> int:
-        """The seed of row i's next drive."""
-        return int(self._generators[i].integers(2**62))
