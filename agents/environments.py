@@ -85,7 +85,7 @@ def held_out(task: Task) -> Task:
     return replace(task, vehicle=("vw_vanagon", "tian2018_electric"), sensors=("cauchy_gaussian", "dropout"))
 
 
-def make_envs(task: Task, num_envs: int, worst: float = -math.inf) -> VecEnv:
+def make_envs(task: Task, num_envs: int, hold: int = 1, worst: float = -math.inf) -> VecEnv:
     """Environments of a task as a net sees them; manoeuvres and cars share the rows.
 
     Compiled rows where all blocks are made for them, else one object for each.
@@ -93,7 +93,7 @@ def make_envs(task: Task, num_envs: int, worst: float = -math.inf) -> VecEnv:
     Args:
         task: What is driven.
         num_envs: How many rows.
-        worst: The least reward that a net is shown, in its units.
+        hold, worst: As :class:`vse_gym.wrappers.CanonicalView` has them.
 
     Raises:
         UnknownNameError, ValueError, TypeError: If a name or a number cannot be; the message says what can.
@@ -101,7 +101,7 @@ def make_envs(task: Task, num_envs: int, worst: float = -math.inf) -> VecEnv:
     kinds = list(product(task.env, task.vehicle))[:num_envs]
     shares = np.diff(np.linspace(0, num_envs, len(kinds) + 1).round().astype(int)).tolist()
     parts = [_rows(name, car, task.settings, rows) for (name, car), rows in zip(kinds, shares, strict=True)]
-    return AsSeen(parts[0] if len(parts) == 1 else SideBySide(parts), task, worst)
+    return AsSeen(parts[0] if len(parts) == 1 else SideBySide(parts), task, hold, worst)
 
 
 def _rows(name: str, car: str, settings: dict[str, Any], rows: int) -> VecEnv:
@@ -166,12 +166,15 @@ class SideBySide(VecEnv):
 
 
 class AsSeen(VecEnvWrapper):
-    """Many environments through :mod:`vse_gym.controllers.canonical`, as CanonicalView does with one."""
+    """Many environments through :mod:`vse_gym.controllers.canonical`, as CanonicalView does with one.
 
-    def __init__(self, venv: VecEnv, task: Task, worst: float = -math.inf):
+    Where a drive ends while an answer is held, the next one goes through the rest without an answer.
+    """
+
+    def __init__(self, venv: VecEnv, task: Task, hold: int = 1, worst: float = -math.inf):
         seen = spaces.Box(-REACH, REACH, venv.observation_space.shape, np.float32)
         super().__init__(venv, observation_space=seen)
-        self._form, self._worst = held_canonical(task.observation, task.action), worst
+        self._form, self._hold, self._worst = held_canonical(task.observation, task.action), hold, worst
 
     def reset(self) -> NDArray[np.float32]:
         seen: NDArray[np.float32]
@@ -179,13 +182,19 @@ class AsSeen(VecEnvWrapper):
         return seen
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        answers = np.ascontiguousarray(actions, dtype=np.float32)
-        self.venv.step_async(all_from_canonical(self._form, answers, self._side, self._counts))
+        self._answers = np.ascontiguousarray(actions, dtype=np.float32)
 
     def step_wait(self) -> VecEnvStepReturn:
-        observations, rewards, dones, infos = self.venv.step_wait()
-        seen, self._side, self._counts = all_to_canonical(self._form, observations)
-        for row in np.flatnonzero(dones):
-            last = infos[row]["terminal_observation"]
-            infos[row]["terminal_observation"] = all_to_canonical(self._form, last[None])[0][0]
-        return seen, np.maximum(rewards / REWARD_SIZE, self._worst), dones, infos
+        total, over = np.zeros(self.num_envs, np.float32), np.zeros(self.num_envs, dtype=bool)
+        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for _ in range(self._hold):
+            turned = all_from_canonical(self._form, self._answers, self._side, self._counts)
+            turned[over] = 0.0
+            observations, rewards, dones, infos = self.venv.step(turned)
+            seen, self._side, self._counts = all_to_canonical(self._form, observations)
+            for row in np.flatnonzero(dones & ~over):
+                last = infos[row]["terminal_observation"]
+                told[row] = infos[row] | {"terminal_observation": all_to_canonical(self._form, last[None])[0][0]}
+            total += np.where(over, 0.0, np.maximum(rewards / REWARD_SIZE, self._worst))
+            over |= dones
+        return seen, total, over, told

@@ -10,6 +10,7 @@ each with the estimators that it was trained with, and as columns the estimators
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tables
 import typer
 from matplotlib.figure import Figure
@@ -98,22 +99,28 @@ def write(out: Path, runs: object, sheets: dict[str, Sheet], trained: dict[str, 
 
 
 def draw(path: Path, runs: object) -> None:
-    """Slide by estimator, a line for each controller."""
+    """The matrix of slides as a picture: who controls, by which estimator; the easiest to drive with stands left."""
     import polars as pl
 
     assert isinstance(runs, pl.DataFrame)
-    figure = Figure(figsize=(7, 3.6), layout="constrained")
+    columns = {e: tables.cube(runs, tables.SLIDE, [e]) for e in runs["estimator"].unique().to_list()}
+    names = next(iter(columns.values()))[0]
+    slides = {e: values.mean(axis=(1, 2)) for e, (_, values) in columns.items()}
+    estimators = sorted(slides, key=lambda e: float(slides[e].mean()))
+    table = np.array([slides[e] for e in estimators]).T
+    rows = np.argsort(table.mean(axis=1))
+    table = table[rows]
+    figure = Figure(figsize=(2.6 + 0.34 * len(estimators), 1.6 + 0.3 * len(names)), layout="constrained")
     axes = figure.subplots()
-    estimators = runs["estimator"].unique().sort().to_list()
-    names, _ = tables.cube(runs, tables.SLIDE)
-    for k, name in enumerate(names):
-        values = [tables.cube(runs, tables.SLIDE, [e])[1][k].mean() for e in estimators]
-        axes.plot(range(len(estimators)), values, marker="o", markersize=3, label=name)
-    axes.set_xticks(range(len(estimators)), estimators, rotation=60 if len(estimators) > 8 else 0, fontsize=7)
-    axes.set(ylabel="slide deg, mean", title="Who controls, by which estimator")
-    axes.legend(fontsize=7)
-    axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=110)
+    shades = axes.imshow(table, cmap="YlOrRd", vmin=0, vmax=tables.MOST / 2, aspect="auto")
+    for (row, column), value in np.ndenumerate(table):
+        ink = "white" if value > 0.75 * tables.MOST / 2 else "black"
+        axes.text(column, row, f"{value:.1f}", ha="center", va="center", fontsize=6, color=ink)
+    axes.set_xticks(range(len(estimators)), estimators, rotation=60, ha="right", rotation_mode="anchor", fontsize=7)
+    axes.set_yticks(range(len(names)), [names[k] for k in rows], fontsize=7)
+    axes.set_title("Slide deg, mean: who controls, by which estimator", fontsize=9)
+    figure.colorbar(shades, extend="max")
+    figure.savefig(path, dpi=130)
 
 
 app = typer.Typer(add_completion=False)

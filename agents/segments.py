@@ -6,7 +6,6 @@ is written down after each, and a run that is gone on with repeats at most the s
 """
 
 import io
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from environments import Task, held_out, make_envs
-from settings import ALGORITHMS, RATES, make, rate
+from settings import RATES, VIEW, make, rate
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -28,7 +27,6 @@ from vse_gym.sensors import stream
 CHECKPOINT = "checkpoint.pt"
 DRIVES, FIRST_HELD_OUT = 32, 7_000_000  # of each evaluation, and their first seed: of no table and no tuning
 FROM, TO = 2**30, 2**31  # between which training's seeds lie
-WORST = -10.0  # an early end's rewards, discounted as a critic that learns from a buffer does; all at once confuse it
 BUFFER = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 Progress = Callable[[int], None]
@@ -72,8 +70,8 @@ class Run:
     best: dict[str, Any] = field(default_factory=dict)  # parameters of the policy that drove best on held-out drives
 
     def __post_init__(self) -> None:
-        off_policy = issubclass(ALGORITHMS[self.algorithm], OffPolicyAlgorithm)
-        self.env = make_envs(self.task, self.settings["n_envs"], WORST if off_policy else -math.inf)
+        view = {name: self.settings[name] for name in VIEW if name in self.settings}
+        self.env = make_envs(self.task, self.settings["n_envs"], **view)
         self.model: Any = make(self.algorithm, self.settings, self.env, self.seed)
         self.judge = Judge(self.task, self.drives)
 
@@ -84,8 +82,8 @@ class Run:
 
     @property
     def segment_steps(self) -> int:
-        """Steps of each: whole rollouts."""
-        rollout = self.settings.get("n_steps", self.settings.get("train_freq", 1)) * self.env.num_envs
+        """Steps of each, as the net counts them: whole rollouts."""
+        rollout = self.settings.get("train_freq", self.settings.get("n_steps", 1)) * self.env.num_envs
         return int(np.ceil(self.steps / self.segments / rollout)) * int(rollout)
 
     def go_on(self, progress: Progress = quiet, folder: Path | None = None) -> None:
@@ -105,6 +103,8 @@ class Run:
         model.action_space.seed(seed)
         self.env.seed(seed)
         model._last_obs = None  # new drives
+        if isinstance(model, OffPolicyAlgorithm) and model.num_timesteps:
+            _close_drives(model.replay_buffer)
         model.ep_info_buffer = None  # and their returns
         if self.algorithm == "recurrent_ppo":
             for state in (*model._last_lstm_states.pi, *model._last_lstm_states.vf):
@@ -157,6 +157,12 @@ class Run:
             _fill(model, state["buffer"])
         self.segment, self.best = state["segment"], state["best"]
         self.curve = [Point(*point) for point in state["curve"]]
+
+
+def _close_drives(buffer: Any) -> None:
+    """Drives that the last segment broke off end there: returns of several steps would run on into others."""
+    last = buffer.pos - 1
+    buffer.timeouts[last] = np.maximum(buffer.timeouts[last], 1 - buffer.dones[last])
 
 
 def _buffer_of(model: Any) -> dict[str, Any]:

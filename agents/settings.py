@@ -18,8 +18,10 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "td3": TD3
 RATES = ("learning_rate", "clip_range")  # a number, or "lin_" and the number from which it falls to zero
 
 OURS: dict[str, Any] = {"n_envs": int, "n_timesteps": int, "segments": int}  # of the run, not of the algorithm
+VIEW: dict[str, Any] = {"hold": int, "worst": float}  # of vse_gym.wrappers.CanonicalView, where they are not as usual
 ALL: dict[str, Any] = {
     **OURS,
+    **VIEW,
     "policy": str,
     "policy_kwargs": Mapping[str, Any],
     "learning_rate": "a rate",
@@ -34,7 +36,7 @@ ON_POLICY: dict[str, Any] = {
 }
 OFF_POLICY: dict[str, Any] = {
     **ALL,
-    **dict.fromkeys(("buffer_size", "learning_starts", "train_freq", "gradient_steps"), int),
+    **dict.fromkeys(("buffer_size", "learning_starts", "train_freq", "gradient_steps", "n_steps"), int),
     "tau": float,
 }
 KNOWN: dict[str, dict[str, Any]] = {
@@ -86,7 +88,7 @@ def rate(written: Any, done: float) -> float:
 
 def make(algorithm: str, settings: Mapping[str, Any], env: Any, seed: int) -> Any:
     """A model that has learned nothing yet."""
-    wanted = {name: value for name, value in settings.items() if name not in OURS}
+    wanted = {name: value for name, value in settings.items() if name not in OURS and name not in VIEW}
     wanted |= {name: rate(wanted[name], 0.0) for name in RATES if name in wanted}
     kind, spread = wanted.pop("noise_type", None), wanted.pop("noise_std", 0.1)
     if kind not in (None, "normal"):

@@ -1,5 +1,6 @@
 """A single environment as a net sees it."""
 
+import math
 from typing import Any
 
 import gymnasium
@@ -29,10 +30,24 @@ class CanonicalView(gymnasium.Wrapper[NDArray[np.float32], NDArray[np.float32], 
 
     What agents are trained through, so that :class:`vse_gym.policy.TrainedPolicy` acts as they did. Rewards are
     divided by ``REWARD_SIZE``.
+
+    Args:
+        env: A :class:`vse_gym.env.StabilityControlEnv`.
+        hold: Steps that an answer is held for, and whose rewards it earns. A brake is too slow for what is drawn anew
+            every 10 ms, so nothing would be explored; and one such step is worth too little to be told from noise.
+        worst: The least reward of a step, in these units. An early end costs its whole rest at once, which a critic
+            that learns from single steps hears little else than.
+
+    Raises:
+        TypeError: If it wraps another environment.
+        ValueError: If hold is less than 1.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any]):
+    def __init__(self, env: gymnasium.Env[Any, Any], hold: int = 1, worst: float = -math.inf):
         super().__init__(env)
+        if hold < 1:
+            raise ValueError(f"hold must be a number of steps from 1 on, not {hold!r}")
+        self._hold, self._worst = hold, worst
         inner = env.unwrapped
         if not isinstance(inner, StabilityControlEnv):
             raise TypeError(f"CanonicalView wraps a StabilityControlEnv, not {type(inner).__name__}")
@@ -50,7 +65,13 @@ class CanonicalView(gymnasium.Wrapper[NDArray[np.float32], NDArray[np.float32], 
         return self._seen(observation), info
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Drive on to the next reading."""
-        turned = _from(self._form, np.asarray(action, dtype=np.float32), self._side, self._counts)
-        observation, reward, terminated, truncated, info = self.env.step(turned)
-        return self._seen(observation), float(reward) / REWARD_SIZE, terminated, truncated, info
+        """Drive on, to the next reading or so many as an answer is held for."""
+        answer, total = np.asarray(action, dtype=np.float32), 0.0
+        for _ in range(self._hold):
+            turned = _from(self._form, answer, self._side, self._counts)
+            observation, reward, terminated, truncated, info = self.env.step(turned)
+            seen = self._seen(observation)
+            total += max(self._worst, float(reward) / REWARD_SIZE)
+            if terminated or truncated:
+                break
+        return seen, total, terminated, truncated, info

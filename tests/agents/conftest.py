@@ -15,7 +15,8 @@ export, segments = import_module("export"), import_module("segments")
 TINY = {
     "ppo": {"policy": "MlpPolicy", "n_steps": 32, "batch_size": 64, "n_epochs": 2, "learning_rate": "lin_1e-3"},
     "recurrent_ppo": {"policy": "MlpLstmPolicy", "n_steps": 16, "batch_size": 32, "n_epochs": 1},
-    "sac": {"policy": "MlpPolicy", "learning_starts": 60, "train_freq": 4, "gradient_steps": 4, "ent_coef": "auto_0.1"},
+    "sac": {"policy": "MlpPolicy", "learning_starts": 60, "train_freq": 4, "gradient_steps": 4, "ent_coef": "auto_0.1"}
+    | {"n_steps": 3, "hold": 2, "worst": -1.0},
     "td3": {"policy": "MlpPolicy", "learning_starts": 60, "train_freq": 4, "gradient_steps": 4, "noise_type": "normal"},
 }
 NETS = {name: {"net_arch": [8]} for name in TINY} | {"recurrent_ppo": {"net_arch": [8], "lstm_hidden_size": 4}}

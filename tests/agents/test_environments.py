@@ -37,6 +37,48 @@ def test_every_row_is_a_single_environment_through_the_wrapper(estimator):
         assert info["episode"]["r"] > max(wanted) * REWARD_SIZE  # as it is, not as the net sees it
 
 
+def test_an_answer_is_held_and_earns_what_the_steps_do():
+    """As the single environment does, until a drive is over; a steady answer drives the same car either way."""
+    task = Brief(env=TWO[:1], vehicle=("qin2014",), estimator=("ekf",), controller="esc", duration=0.38)
+    rows, single = make_envs(task, 1, hold=5), gymnasium.make(TWO[0], vehicle="qin2014", **task.settings)
+    one, each = CanonicalView(single, hold=5), make_envs(task, 1)
+    for env in (rows, each):
+        env.seed(3)
+        env.reset()
+    one.reset(seed=3)
+    answer = np.array([[0.2, 0.0, -0.1, 0.4]], np.float32)
+    for block in range(8):
+        seen, reward, done, infos = rows.step(answer)
+        alone, wanted, terminated, truncated, _ = one.step(answer[0])
+        steps = [each.step(answer) for _ in range(5 if block < 7 else 3)]
+        assert reward[0] == pytest.approx(wanted, abs=1e-5)
+        assert reward[0] == pytest.approx(sum(float(step[1][0]) for step in steps), abs=1e-5)
+        assert done[0] == steps[-1][2][0] == (terminated or truncated) == (block == 7)
+        if block < 7:
+            np.testing.assert_allclose(seen[0], alone, atol=1e-5)
+    np.testing.assert_allclose(infos[0]["terminal_observation"], alone, atol=1e-5)
+    assert infos[0]["episode"]["l"] == 38
+
+
+def test_no_step_is_worth_less_than_the_worst_and_a_hold_is_at_least_one_step():
+    settings = {"vehicle": "qin2014", "estimator": "truth", "speed": 33.0, "friction": 0.2}
+    drives = [gymnasium.make("vse_gym/SineWithDwell-v0", **settings) for _ in range(2)]
+    told, bounded = CanonicalView(drives[0]), CanonicalView(drives[1], worst=-2.0)
+    least = []
+    for env in (told, bounded):
+        env.reset(seed=0)
+        rewards, over = [], False
+        while not over:
+            _, reward, terminated, truncated, _ = env.step(np.zeros(4, np.float32))
+            rewards.append(reward)
+            over = terminated or truncated
+        assert terminated  # the car spins
+        least.append(min(rewards))
+    assert least[0] < -2.0 == least[1]
+    with pytest.raises(ValueError, match="from 1 on, not 0"):
+        CanonicalView(drives[0], hold=0)
+
+
 def test_rows_are_compiled_where_they_can_be():
     native = make_envs(Brief(env=TWO, vehicle=("qin2014",)), 3)
     assert isinstance(native.venv, SideBySide)

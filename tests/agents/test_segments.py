@@ -62,6 +62,22 @@ def test_an_interrupted_run_ends_where_an_unbroken_one_does(algorithm, tmp_path)
         np.testing.assert_array_equal(got[name], value, err_msg=name)
 
 
+def test_returns_of_several_steps_do_not_run_on_into_the_next_segment_s_drives():
+    one = run("sac")
+    one._begin()
+    one.model.learn(one.segment_steps, reset_num_timesteps=False)
+    buffer, last = one.model.replay_buffer, one.model.replay_buffer.pos - 1
+    assert not buffer.dones[last].all()  # drives that are not over
+    one.segment += 1
+    one._begin()
+    assert np.array_equal(buffer.timeouts[last], 1 - buffer.dones[last])
+    buffer.rewards[last + 1 :] = 1e6  # of other drives
+    buffer.pos += 5
+    samples = buffer._get_samples(np.full(20, last))
+    assert np.abs(samples.rewards.numpy()).max() < 10
+    np.testing.assert_allclose(samples.discounts.numpy(), buffer.gamma)
+
+
 def test_something_was_learned_and_another_seed_learns_something_else():
     first, other = run("ppo"), run("ppo", seed=1)
     before = facts(first)["policy.action_net.weight"]

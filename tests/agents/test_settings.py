@@ -1,11 +1,12 @@
 """Hyper-parameters: ours and rl_zoo3's are the same, and a wrong one is told what there is."""
 
 import importlib
+import inspect
 from pathlib import Path
 
 import pytest
 import yaml
-from settings import FOLDER, KNOWN, make, rate, read
+from settings import FOLDER, KNOWN, VIEW, make, rate, read
 
 from vse_gym.env import IDS
 
@@ -18,23 +19,30 @@ def test_the_zoo_s_file_says_the_same_of_every_environment(algorithm):
     ours = {key: value for key, value in read(algorithm).items() if key != "segments"}
     assert zoo.keys() == IDS.keys()
     for theirs in zoo.values():
-        assert {key: value for key, value in theirs.items() if key not in ZOO} == ours
+        _, view = wrapper(theirs)
+        assert {key: value for key, value in theirs.items() if key not in ZOO} | view == ours
+
+
+def wrapper(theirs):
+    """What a zoo's file wraps the environment in, and with which arguments."""
+    (one,) = theirs["env_wrapper"] if isinstance(theirs["env_wrapper"], list) else [theirs["env_wrapper"]]
+    return next(iter(one.items())) if isinstance(one, dict) else (one, {})
 
 
 @pytest.mark.parametrize("algorithm", KNOWN)
 def test_the_zoo_s_wrapper_is_there(algorithm):
-    name = yaml.safe_load((FOLDER / f"{algorithm}.yml").read_text())["vse_gym/HeldSteer-v0"]["env_wrapper"]
-    module, _, wrapper = name.rpartition(".")
-    assert getattr(importlib.import_module(module), wrapper).__name__ == "CanonicalView"
+    name, view = wrapper(yaml.safe_load((FOLDER / f"{algorithm}.yml").read_text())["vse_gym/HeldSteer-v0"])
+    module, _, kind = name.rpartition(".")
+    found = getattr(importlib.import_module(module), kind)
+    assert found.__name__ == "CanonicalView"
+    assert view.keys() <= VIEW.keys() <= inspect.signature(found.__init__).parameters.keys()
 
 
 @pytest.mark.parametrize("algorithm", KNOWN)
 def test_what_is_known_the_algorithm_takes(algorithm, untrained):
-    import inspect
-
     from settings import ALGORITHMS, OURS
 
-    own = set(KNOWN[algorithm]) - set(OURS) - {"noise_type", "noise_std"}
+    own = set(KNOWN[algorithm]) - set(OURS) - set(VIEW) - {"noise_type", "noise_std"}
     assert own <= inspect.signature(ALGORITHMS[algorithm].__init__).parameters.keys()
     model = untrained(algorithm)
     assert (model.__dict__.get("action_noise") is not None) == (algorithm == "td3")
