@@ -14,8 +14,9 @@ from vse_gym.catalogue import MANOEUVRES
 from vse_gym.evaluation import Study
 from vse_gym.models import DataSheet, Nominal
 from vse_gym.physics import parameters as p
+from vse_gym.scenarios import Scenario, fitting_integrator
 from vse_gym.sensors import QUIET, SUITES, Sensors, stream
-from vse_gym.simulation import Scenario, fitting_integrator, rollout
+from vse_gym.simulation import rollout
 from vse_gym.vehicles import load, names
 
 FIRST = 100_000  # the studies' seeds are all smaller, but for those that replace one, which begin at a million

@@ -25,8 +25,9 @@ from vse_gym.evaluation import Study
 from vse_gym.evaluation.parallel import in_parallel
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
+from vse_gym.scenarios import fitting_integrator
 from vse_gym.sensors import stream
-from vse_gym.simulation import fitting_integrator, rollout
+from vse_gym.simulation import rollout
 from vse_gym.vehicles import load
 
 UNUSED = 50_000  # the first number: in the middle of what seed 0 may use, which takes the first and the last

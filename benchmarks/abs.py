@@ -23,7 +23,8 @@ from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.physics.brakes import BrakeUnit
 from vse_gym.physics.double_track import CONTACT, FX, contact, wheel_velocity
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Car, Driver, Log
 
 CARS = ("qin2014", "qin2014_understeer", "tian2018_electric", "bmw_320i")

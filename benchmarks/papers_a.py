@@ -17,8 +17,8 @@ from vse_gym.models import DoubleTrackTuning, Nominal, SingleTrackTuning
 from vse_gym.physics import parameters as p
 from vse_gym.replay import Trace
 from vse_gym.report.text import Sheet
+from vse_gym.scenarios import Scenario
 from vse_gym.sensors import LOUD, Sensors
-from vse_gym.simulation import Scenario
 from vse_gym.types import Array, Log
 from vse_gym.vehicles import load
 

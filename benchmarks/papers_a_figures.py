@@ -9,8 +9,8 @@ from papers_statistics import DEG, motion_error, sideslip_error
 
 from vse_gym.inference.autoregression import coefficients_used
 from vse_gym.physics import parameters as p
+from vse_gym.scenarios import Scenario
 from vse_gym.sensors import stream
-from vse_gym.simulation import Scenario
 from vse_gym.types import Array, Reading
 
 SHOWN = {"mapf": "C3", "pf": "C0", "strong_tracking": "C2", "mapf_physics": "C1"}

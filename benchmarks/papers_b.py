@@ -23,7 +23,7 @@ from vse_gym.models import RollTrackTuning
 from vse_gym.physics import parameters as p
 from vse_gym.replay import Trace
 from vse_gym.report.text import Sheet
-from vse_gym.simulation import Scenario, scenario
+from vse_gym.scenarios import Scenario, scenario
 from vse_gym.types import FOUND, Array, Log
 
 CAR, FRICTION, SPEED = "wei2019_roll", 0.85, 80 * KMH

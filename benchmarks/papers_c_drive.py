@@ -15,8 +15,8 @@ from vse_gym.physics import parameters as p
 from vse_gym.physics.axles import axle_slips
 from vse_gym.physics.parameters import LinearTyre, Vehicle
 from vse_gym.replay import Trace
+from vse_gym.scenarios import Scenario, scenario
 from vse_gym.sensors import QUIET, Sensors
-from vse_gym.simulation import Scenario, scenario
 from vse_gym.types import FOUND, Array, Estimate, Log, Reading
 from vse_gym.vehicles import load
 

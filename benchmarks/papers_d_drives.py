@@ -12,9 +12,9 @@ from vse_gym.manoeuvres.triple_lane_change import TripleLaneChange
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.physics.parameters import GRAVITY
+from vse_gym.scenarios import Scenario, scenario
 from vse_gym.sensing import NoiseRecord
 from vse_gym.sensors import LOUD, Sensors
-from vse_gym.simulation import Scenario, scenario
 from vse_gym.types import Y_YAW_RATE, Array, Log
 
 CAR = "chen2024_c_class"

@@ -23,7 +23,8 @@ from vse_gym.physics import parameters as p
 from vse_gym.physics.axles import axle_slips
 from vse_gym.replay import Trace
 from vse_gym.report.text import Sheet
-from vse_gym.simulation import Scenario, rollout, scenario
+from vse_gym.scenarios import Scenario, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import FOUND, Array, Log
 
 

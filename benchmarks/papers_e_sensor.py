@@ -15,8 +15,9 @@ from vse_gym.estimators.stiffness_adaptive import StiffnessAdaptiveKalmanFilter
 from vse_gym.models import Nominal
 from vse_gym.physics.axles import axle_slips
 from vse_gym.replay import shadow
+from vse_gym.scenarios import Scenario
 from vse_gym.sensors import stream
-from vse_gym.simulation import Scenario, rollout
+from vse_gym.simulation import rollout
 from vse_gym.types import Array, Estimate, Reading
 
 SENSOR = "force sensor"  # in the name of whoever has one

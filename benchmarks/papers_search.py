@@ -13,7 +13,8 @@ from vse_gym.evaluation.tune import FIRST_SEED, search
 from vse_gym.evaluation.tunings import Tuning, changed, default_of, ranges
 from vse_gym.replay import Trace, shadow
 from vse_gym.report.text import Sheet
-from vse_gym.simulation import Scenario, rollout
+from vse_gym.scenarios import Scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Log
 
 TUNINGS = Path(__file__).parent / "papers_tunings"

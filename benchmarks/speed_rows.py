@@ -22,8 +22,9 @@ from vse_gym.inference.linear import kalman_drive
 from vse_gym.physics.double_track import CONTACT, advance, rolling_start
 from vse_gym.physics.parameters import STATE_SIZE, Inputs
 from vse_gym.physics.reference import DERIVATIVES, derivative
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import stream
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Estimate, Reading
 
 GROUPS = ("env", "vector", "filterpy", "particles", "plant", "drive", "start", "blocks")

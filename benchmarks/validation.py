@@ -37,8 +37,9 @@ from vse_gym.models import Nominal
 from vse_gym.multibody import CARS, MultiBody, library_parameters
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import advance, rolling_start
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import suite
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Array, Car, Driver
 from vse_gym.vehicles import load
 

@@ -10,8 +10,9 @@ from vse_gym.manoeuvres.straight_driving import StraightDriving
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import advance, rolling_start
 from vse_gym.physics.reference import advance_reference
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import QUIET, Sensors
-from vse_gym.simulation import Simulation, rollout, scenario
+from vse_gym.simulation import Simulation, rollout
 from vse_gym.types import U_STEER, Y_WHEEL
 from vse_gym.vehicles import load
 

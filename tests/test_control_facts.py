@@ -15,8 +15,9 @@ from vse_gym.manoeuvres.slowly_increasing_steer import steer_at_0_3g
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import wheel_position
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import QUIET
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Estimate, Reading
 from vse_gym.vehicles import load
 

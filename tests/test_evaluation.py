@@ -15,7 +15,8 @@ from vse_gym.evaluation.contenders import PARTS
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
 from vse_gym.report import reasons
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import BrakeDemand, Estimate
 
 RANDOM = Randomise(speed=1.0, steer=0.1, friction=0.03, mass=(1.0, 1.25), stiffness=(0.75, 1.0))

@@ -14,8 +14,9 @@ from vse_gym.estimators.base import Estimator
 from vse_gym.listener import Listener
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.physics.parameters import Road
+from vse_gym.scenarios import Scenario, scenario
 from vse_gym.sensors import SUITES, NoiseRecord, Sensors
-from vse_gym.simulation import Scenario, Simulation, scenario
+from vse_gym.simulation import Simulation
 from vse_gym.types import Car, Driver, Estimate
 
 STEPS = 150

@@ -7,7 +7,8 @@ import pytest
 
 from vse_gym import metrics
 from vse_gym.physics import parameters as p
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Log
 
 

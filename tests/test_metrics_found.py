@@ -10,8 +10,9 @@ from vse_gym import metrics_found
 from vse_gym.metrics_found import NAMES, found, sheet_value, true_value
 from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
+from vse_gym.scenarios import Scenario, scenario
 from vse_gym.sensors import QUIET
-from vse_gym.simulation import Scenario, rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import FOUND
 from vse_gym.vehicles import load
 

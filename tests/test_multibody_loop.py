@@ -14,7 +14,8 @@ from vse_gym import cli, multibody
 from vse_gym.evaluation import Cell, Randomise
 from vse_gym.physics import parameters as p
 from vse_gym.registry import UnknownNameError
-from vse_gym.simulation import Simulation, rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import Simulation, rollout
 from vse_gym.vehicles import load
 
 DEG = math.pi / 180

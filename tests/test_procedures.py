@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from vse_gym.manoeuvres.slowly_increasing_steer import steer_at_0_3g
 from vse_gym.procedures import fmvss126, measure_steer_at_0_3g, series_amplitudes
 from vse_gym.registry import UnknownNameError
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.vehicles import load, names
 
 DEG = math.pi / 180

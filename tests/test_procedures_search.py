@@ -13,7 +13,8 @@ from vse_gym.manoeuvres.sine_with_dwell import SineWithDwell
 from vse_gym.physics import parameters as p
 from vse_gym.procedures import entry_speed
 from vse_gym.registry import UnknownNameError
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Driver
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from vse_gym.env import worth
 from vse_gym.physics import parameters as p
 from vse_gym.reward import INTERVENTION, MOVING, PEAK, SQUARES, reward_memory, step_reward, tally
-from vse_gym.simulation import scenario
+from vse_gym.scenarios import scenario
 
 NONE, START = np.zeros(4), 20.0
 SCENARIO = scenario("sine_with_dwell", speed=START)

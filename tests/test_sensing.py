@@ -9,9 +9,10 @@ import pytest
 from scipy import stats
 
 from vse_gym.physics import parameters as p
+from vse_gym.scenarios import scenario
 from vse_gym.sensing import STANDING, read_sensors, unread_sensors
 from vse_gym.sensors import FITTED, Resolution, Sensors, suite
-from vse_gym.simulation import Simulation, rollout, scenario
+from vse_gym.simulation import Simulation, rollout
 from vse_gym.types import CHANNELS, WHEELS, Y_SIDESLIP, Y_SPEED
 
 DT = 0.01

@@ -15,8 +15,9 @@ from vse_gym.controllers.observation import LAYOUTS
 from vse_gym.physics import parameters as p
 from vse_gym.registry import UnknownNameError
 from vse_gym.replay import shadow
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import EXTRAS, LOUD, QUIET, SUITES, Sensors, suite, with_extras
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import CHANNELS, Y_ROLL_RATE, Y_SIDESLIP, Y_SPEED, Y_YAW_RATE
 
 DT = 0.01

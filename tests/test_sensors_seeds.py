@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import vse_gym.sensors
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import FITTED, SUITES, Resolution, Sensors, stream, suite
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 
 DT = 0.01
 DEG = np.pi / 180

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 from vse_gym.env import StabilityControlEnv, register_environments
 from vse_gym.estimators.base import Estimator
 from vse_gym.models import Nominal
-from vse_gym.simulation import Scenario, Simulation, rollout, scenario
+from vse_gym.scenarios import Scenario, scenario
+from vse_gym.simulation import Simulation, rollout
 from vse_gym.types import BrakeDemand, Estimate, Reading
 
 if TYPE_CHECKING:

@@ -146,7 +146,8 @@ def run(
     """
     from vse_gym import metrics
     from vse_gym.manoeuvres.base import si
-    from vse_gym.simulation import rollout, scenario
+    from vse_gym.scenarios import scenario
+    from vse_gym.simulation import rollout
 
     if plot is not None and (plot.is_dir() or not plot.suffix):
         raise refuse(ValueError(f"--plot needs a file with an ending, such as drive.png, not {str(plot)!r}"))

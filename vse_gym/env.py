@@ -24,8 +24,9 @@ from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.randomise import Randomise
 from vse_gym.reward import INTERVENTION, MOVING, PEAK, SQUARES, Worth, reward_memory, step_reward, tally
+from vse_gym.scenarios import Scenario
 from vse_gym.sensors import Sensors
-from vse_gym.simulation import Frame, Scenario, Simulation
+from vse_gym.simulation import Frame, Simulation
 from vse_gym.types import NO_BRAKE, Array, BrakeDemand, Estimate
 
 

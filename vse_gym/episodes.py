@@ -10,8 +10,8 @@ from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
 from vse_gym.physics.parameters import Vehicle
 from vse_gym.randomise import Randomise, drawn
+from vse_gym.scenarios import Scenario, scenario
 from vse_gym.sensors import Sensors, stream
-from vse_gym.simulation import Scenario, scenario
 
 AS_WRITTEN = Randomise()
 

@@ -11,7 +11,7 @@ from vse_gym.controllers.reference import follow_reference
 from vse_gym.metrics import sideslip_std
 from vse_gym.physics import parameters as p
 from vse_gym.picture_path import draw_path
-from vse_gym.simulation import Scenario
+from vse_gym.scenarios import Scenario
 from vse_gym.types import SLOW, Y_ROLL_RATE, Log
 
 WHEELS = ("front left", "front right", "rear left", "rear right")

@@ -7,7 +7,7 @@ import numpy as np
 
 from vse_gym.manoeuvres.course import Course, clearances, outline
 from vse_gym.physics import parameters as p
-from vse_gym.simulation import Scenario
+from vse_gym.scenarios import Scenario
 from vse_gym.types import Array, Log
 
 BRAKES_ON = 50.0  # torque from which an outline is drawn as braking [N m]

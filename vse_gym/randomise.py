@@ -8,8 +8,8 @@ import numpy as np
 
 from vse_gym.manoeuvres.base import si
 from vse_gym.physics.parameters import PerWheel, RollingBody, Vehicle
+from vse_gym.scenarios import Scenario
 from vse_gym.schema import check, kinds_of
-from vse_gym.simulation import Scenario
 
 
 @dataclass(frozen=True)

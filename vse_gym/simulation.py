@@ -1,12 +1,12 @@
 """The closed loop: driver, brake unit, vehicle, sensors, estimator, controller, wired once."""
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from vse_gym.catalogue import CONTROLLERS, ESTIMATORS, MANOEUVRES
+from vse_gym.catalogue import CONTROLLERS, ESTIMATORS
 from vse_gym.compiled import compiled, hold
 from vse_gym.controllers.allocation import as_torques
 from vse_gym.controllers.base import Controller
@@ -14,86 +14,15 @@ from vse_gym.ending import BEYOND_MODEL, ENDINGS, GOES_ON, OFF_COURSE, ending
 from vse_gym.estimators.base import Estimator
 from vse_gym.listener import EstimatorError, Listener
 from vse_gym.logbook import LogBook
-from vse_gym.manoeuvres.base import Manoeuvre
-from vse_gym.models import Nominal
 from vse_gym.multibody import MultiBody
 from vse_gym.physics import parameters as p
-from vse_gym.physics.brakes import BrakeUnit, brake_torques, drive_torques, released_brakes
+from vse_gym.physics.brakes import brake_torques, drive_torques, released_brakes
 from vse_gym.physics.double_track import advance, road_friction, rolling_start
 from vse_gym.physics.reference import advance_reference
-from vse_gym.registry import UnknownNameError
+from vse_gym.scenarios import Scenario
 from vse_gym.sensing import NoiseRecord, read_sensors, unread_sensors
-from vse_gym.sensors import Sensors, stream, suite
+from vse_gym.sensors import stream
 from vse_gym.types import NO_BRAKE, NO_TORQUE, Array, BrakeDemand, Car, Estimate, Log, Reading
-from vse_gym.vehicles import load
-
-PLANTS = ("double_track", "commonroad_mb")
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """All that a drive needs but the estimator, the controller and the seed.
-
-    Raises:
-        UnknownNameError: If there is no such plant.
-        ValueError: If the vehicle cannot be, the plant cannot take it or the road, or the steps do not fit each other.
-        ModuleNotFoundError: If the plant needs a library that is not installed.
-    """
-
-    manoeuvre: Manoeuvre
-    vehicle: p.Vehicle  # the true one
-    sensors: Sensors
-    nominal: Nominal  # what estimators and controllers are told of it
-    substep: float = 1e-3  # of the plant [s]
-    integrator: str = "semi_implicit"  # or "runge_kutta": steady tyres above 5 m/s, relaxing ones always
-    brake_unit: BrakeUnit = field(default_factory=BrakeUnit)
-    plant: str = "double_track"  # or "commonroad_mb": CommonRoad's multi-body car, an independent truth
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "vehicle", p.check_vehicle(self.vehicle))
-        if self.plant not in PLANTS:
-            raise UnknownNameError(f"no plant named {self.plant!r}; known: {', '.join(PLANTS)}")
-        self.multibody()
-        if self.steps < 1:
-            raise ValueError(f"a drive of {self.manoeuvre.duration} s is shorter than one step of {self.dt} s")
-        if self.integrator not in INTEGRATORS:
-            raise ValueError(f"integrator must be one of {', '.join(INTEGRATORS)}, not {self.integrator!r}")
-        if self.vehicle.relaxation_x > 0 and self.integrator != "runge_kutta":
-            raise ValueError(f"a car with relaxation lengths needs integrator 'runge_kutta', not {self.integrator!r}")
-        if abs(self.substeps * self.substep - self.dt) > 1e-9:
-            raise ValueError(f"dt {self.dt} s must be a whole number of substeps of {self.substep} s")
-
-    @property
-    def road(self) -> p.Road:
-        """The manoeuvre's road with its slope and bank."""
-        return p.tilted(self.manoeuvre.road(), self.manoeuvre.slope, self.manoeuvre.bank)
-
-    @property
-    def dt(self) -> float:
-        """Time between readings [s]."""
-        return self.nominal.dt
-
-    @property
-    def substeps(self) -> int:
-        """Steps of the plant between two readings."""
-        return max(1, round(self.dt / self.substep))
-
-    @property
-    def steps(self) -> int:
-        """Control steps of a whole drive."""
-        return round(self.manoeuvre.duration / self.dt)
-
-    def multibody(self) -> MultiBody | None:
-        """The library's car on the manoeuvre's road, if it is the plant."""
-        return MultiBody(self.vehicle, self.road) if self.plant == "commonroad_mb" else None
-
-
-INTEGRATORS = ("semi_implicit", "runge_kutta")
-
-
-def fitting_integrator(vehicle: p.Vehicle) -> str:
-    """The default integrator, or the one that knows unsteady tyres if the car has them."""
-    return "runge_kutta" if vehicle.relaxation_x > 0 else "semi_implicit"
 
 
 @compiled
@@ -128,36 +57,6 @@ def next_row(constants, runge_kutta, substeps, h, memory, state, sensed, steer, 
         state = advance(vehicle, road, state, inputs, substeps, h)
     u, y, sensed = read_sensors(record, k, state, p.Inputs(steer, drive, memory[0]), sensed)
     return memory, state, u, y, sensed
-
-
-def scenario(
-    manoeuvre: str | Manoeuvre,
-    vehicle: str | p.Vehicle = "qin2014_understeer",
-    sensors: str | Sensors = "gaussian",
-    nominal: Nominal | None = None,
-    plant: str = "double_track",
-    **settings: Any,
-) -> Scenario:
-    """A scenario from names: the estimator is told this very car, the manoeuvre's speed and a friction of 0.9.
-
-    The integrator is the one that fits the car's tyres.
-
-    Args:
-        manoeuvre: A name from the catalogue, which ``settings`` go to, or an instance.
-        vehicle: A name, the path of a TOML file, or a Vehicle: the true car.
-        sensors: The name of a suite, with extra sensors after a plus ("loud+optical"), or Sensors.
-        nominal: What estimators and controllers are told, if it shall differ.
-        plant: What moves the car: "double_track", or "commonroad_mb" for one of CommonRoad's cars.
-        settings: Of the manoeuvre, in SI units: speed, friction, amplitude, ...
-
-    Raises:
-        UnknownNameError: If a name is not known.
-        TypeError: If the manoeuvre has no such setting.
-    """
-    car, noise = load(vehicle), suite(sensors)
-    test = MANOEUVRES.make(manoeuvre, **settings)
-    told = nominal or Nominal(car, noise.sheet, test.speed)
-    return Scenario(test, car, noise, told, integrator=fitting_integrator(car), plant=plant)
 
 
 class Frame(NamedTuple):

@@ -53,8 +53,9 @@ from vse_gym.controllers.base import Controller
 from vse_gym.estimators.base import Estimator
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import Sensors
-from vse_gym.simulation import Simulation, scenario
+from vse_gym.simulation import Simulation
 from vse_gym.types import Car, Estimate, Reading
 
 __all__ = [

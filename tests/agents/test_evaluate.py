@@ -12,7 +12,8 @@ from vse_gym.evaluation.battery import OWN, battery, yaw_error_degps
 from vse_gym.evaluation.runs import TIMES
 from vse_gym.physics import parameters as p
 from vse_gym.policy import TrainedPolicy
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 
 CELLS = (
     Cell("held", "held_steer", controller="sideslip_esc", settings={"friction": 0.5, "duration": 1.5}),

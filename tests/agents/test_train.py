@@ -13,7 +13,8 @@ from stable_baselines3 import PPO
 from typer.testing import CliRunner
 
 from vse_gym.policy import TrainedPolicy
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 
 from .conftest import Brief
 

@@ -17,8 +17,9 @@ from vse_gym.controllers.mpc import STAGE, ModelPredictiveControl, acting_moment
 from vse_gym.controllers.prediction import UNITS, bicycle, linearise, predict
 from vse_gym.models import Nominal
 from vse_gym.physics.parameters import LinearTyre
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import QUIET
-from vse_gym.simulation import Simulation, scenario
+from vse_gym.simulation import Simulation
 from vse_gym.types import Estimate, Reading
 from vse_gym.vehicles import load
 

@@ -25,7 +25,8 @@ from vse_gym.controllers.observation import LAYOUTS, Encoder
 from vse_gym.physics import parameters as p
 from vse_gym.policy import CARD, WEIGHTS, PolicyError, TrainedPolicy, digest
 from vse_gym.probing import mirror
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.testing import CONTROLLER_CHECKS
 from vse_gym.wrappers import CanonicalView
 

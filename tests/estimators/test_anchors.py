@@ -7,7 +7,8 @@ import pytest
 
 from vse_gym.catalogue import CONTROLLERS, ESTIMATORS
 from vse_gym.estimators.anchors import MOTION, Truth, TruthVelocity, ZeroSideslip
-from vse_gym.simulation import Simulation, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import Simulation
 from vse_gym.types import Reading
 
 STEPS = 300  # the first swerve, and braking against it

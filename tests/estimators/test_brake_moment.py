@@ -6,7 +6,8 @@ from vse_gym.estimators.gaussian import ExtendedKalmanFilter
 from vse_gym.models import SingleTrackTuning
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 
 
 def yaw_rate_error(brake_moment, friction):

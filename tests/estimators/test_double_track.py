@@ -7,7 +7,8 @@ from vse_gym.catalogue import ESTIMATORS
 from vse_gym.models import DoubleTrackTuning
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 
 TAKERS = ["ekf", "ekf_told", "ukf", "ckf", "sr_ukf", "enkf", "pf", "pf_cauchy_gaussian"]
 SETTINGS = {

@@ -9,7 +9,8 @@ from vse_gym.catalogue import ESTIMATORS
 from vse_gym.manoeuvres.base import Manoeuvre, Verdict
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Driver
 
 

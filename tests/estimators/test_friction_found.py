@@ -10,8 +10,9 @@ from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.gaussian import Gate
 from vse_gym.inference.model import advance, attend, observe
 from vse_gym.models import Nominal, SingleTrackTuning
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import FITTED, LOUD
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import U_STEER, Y_YAW_RATE, Reading
 from vse_gym.vehicles import load
 

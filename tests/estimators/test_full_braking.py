@@ -8,7 +8,8 @@ import pytest
 from vse_gym.catalogue import ESTIMATORS
 from vse_gym.controllers.base import Controller
 from vse_gym.physics import parameters as p
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import NO_TORQUE, BrakeDemand
 
 

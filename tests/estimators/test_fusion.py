@@ -8,7 +8,8 @@ from vse_gym.estimators.fusion import FusionEstimator, fused_std
 from vse_gym.estimators.switching import SwitchingEstimator
 from vse_gym.models.adaptation import Adaptation
 from vse_gym.replay import shadow
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 
 OFF = Adaptation(floor=1.0, cap=1.0)
 

@@ -7,7 +7,8 @@ from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.gaussian import Gate
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 
 GATE = Gate(passing=0.9999)
 

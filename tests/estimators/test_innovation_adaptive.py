@@ -9,7 +9,8 @@ from vse_gym.estimators.innovation_adaptive import InnovationAdaptiveKalmanFilte
 from vse_gym.models import SingleTrackTuning
 from vse_gym.models.adaptation import Adaptation
 from vse_gym.replay import shadow
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 
 OFF = Adaptation(floor=1.0, cap=1.0)
 

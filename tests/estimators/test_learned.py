@@ -18,7 +18,8 @@ from vse_gym.inference.recurrent import RecurrentNet
 from vse_gym.physics import parameters as p
 from vse_gym.probing import mirror
 from vse_gym.registry import UnknownNameError
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 
 KINDS = [RecurrentEstimator, CorrectedKalmanFilter]
 

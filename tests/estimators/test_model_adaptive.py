@@ -7,8 +7,9 @@ from vse_gym.catalogue import ESTIMATORS
 from vse_gym.inference.model_adaptive import doubt, propagate, weigh
 from vse_gym.inference.wavelet import DONOHO, listen, noise_level
 from vse_gym.replay import shadow
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import LOUD, Sensors, stream
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Reading
 
 NAMES = ["mapf", "mapf_physics"]

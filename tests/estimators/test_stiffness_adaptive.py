@@ -11,8 +11,9 @@ from vse_gym.models import Nominal
 from vse_gym.models.force_bicycle import Y_FRONT, Y_REAR, ForceBicycleTuning, smoothing
 from vse_gym.physics import parameters as p
 from vse_gym.physics.parameters import LinearTyre
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import QUIET, stream
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import U_BRAKE, U_DRIVE, Y_YAW_RATE, Reading
 from vse_gym.vehicles import load
 

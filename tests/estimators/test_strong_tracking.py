@@ -7,8 +7,9 @@ from vse_gym.catalogue import ESTIMATORS
 from vse_gym.estimators.gaussian import Gate
 from vse_gym.inference.gaussian import fading_factors
 from vse_gym.physics import parameters as p
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import QUIET, Sensors
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Y_WHEEL, Reading
 
 

@@ -12,7 +12,8 @@ from vse_gym.inference.pretreatment import low_pass
 from vse_gym.models.pretreatment import Pretreatment
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Y_AY, Y_YAW_RATE, Reading
 
 ALL_PASS = Pretreatment(ay_band=np.inf, yaw_rate_band=np.inf)

@@ -26,8 +26,9 @@ from vse_gym.inference.gaussian import (
 )
 from vse_gym.inference.model import advance, attend, observe
 from vse_gym.models import SingleTrackTuning
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import FITTED
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,9 @@ from vse_gym.inference.gaussian import Cubature, Unscented, filter_drive
 from vse_gym.inference.model import attend, heed, recall, remember
 from vse_gym.models import RollTrackTuning
 from vse_gym.models.roll import M_LAG
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import stream
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Reading
 
 LAGS = slice(M_LAG, M_LAG + 8)

@@ -9,8 +9,9 @@ from vse_gym.inference.luenberger import placed_gain
 from vse_gym.models import LinearBicycleTuning, Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.replay import shadow
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import QUIET
-from vse_gym.simulation import rollout, scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Y_AY, Y_YAW_RATE, Reading
 from vse_gym.vehicles import load
 

@@ -12,7 +12,8 @@ from vse_gym.manoeuvres.friction_jump import FrictionJump
 from vse_gym.manoeuvres.gentle_curve import GentleCurve
 from vse_gym.manoeuvres.split_friction_braking import SplitFrictionBraking
 from vse_gym.physics import parameters as p
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.vehicles import names
 
 DEG = math.pi / 180

@@ -12,7 +12,8 @@ from vse_gym.manoeuvres.double_lane_change import DoubleLaneChange
 from vse_gym.manoeuvres.obstacle_avoidance import ObstacleAvoidance
 from vse_gym.manoeuvres.slalom import Slalom
 from vse_gym.physics import parameters as p
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.vehicles import load, names
 
 CAR = load("qin2014")  # 1.8 m wide

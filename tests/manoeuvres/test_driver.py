@@ -25,7 +25,8 @@ from vse_gym.manoeuvres.script import (
 )
 from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import advance, rolling_start
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.vehicles import load, names
 
 DT = 0.01

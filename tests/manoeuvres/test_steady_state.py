@@ -10,7 +10,8 @@ from vse_gym.manoeuvres.sine_steer import SineSteer
 from vse_gym.manoeuvres.steady_circle import SteadyCircle, understeer_gradient
 from vse_gym.manoeuvres.step_steer import StepSteer
 from vse_gym.physics import parameters as p
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Log
 from vse_gym.vehicles import names
 

@@ -5,7 +5,8 @@ import pytest
 
 from vse_gym.catalogue import MANOEUVRES
 from vse_gym.physics import parameters as p
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 
 
 @pytest.fixture(scope="module")

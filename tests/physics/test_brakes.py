@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from vse_gym.manoeuvres.base import Manoeuvre, Verdict
 from vse_gym.physics.brakes import BELIEFS, BrakeUnit, brake_torques, drive_torques, released_brakes
 from vse_gym.physics.double_track import wheel_velocity
+from vse_gym.scenarios import scenario
 from vse_gym.sensors import QUIET, Sensors
-from vse_gym.simulation import Simulation, scenario
+from vse_gym.simulation import Simulation
 from vse_gym.types import Driver
 from vse_gym.vehicles import load
 

@@ -12,7 +12,8 @@ from vse_gym.manoeuvres.base import Manoeuvre, Verdict
 from vse_gym.physics import parameters as p
 from vse_gym.physics.brakes import BELIEFS, ROAD, BrakeUnit, brake_torques, released_brakes
 from vse_gym.physics.double_track import CONTACT, FX, advance, contact, rolling_start
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Driver
 from vse_gym.vehicles import load, names
 

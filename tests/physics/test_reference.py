@@ -11,7 +11,8 @@ from vse_gym.physics import parameters as p
 from vse_gym.physics.double_track import CONTACT, FX, FY, MZ, RADIUS, contact, rolling_start, wheel_velocity
 from vse_gym.physics.reference import DERIVATIVES, LOW_SPEED, advance_reference, unsteady_contact
 from vse_gym.physics.tyres import PLATEAU, tyre_force
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.vehicles import load, names
 
 CARS = names()

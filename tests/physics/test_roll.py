@@ -19,7 +19,8 @@ from vse_gym.physics.double_track import (
 )
 from vse_gym.physics.reference import advance_reference
 from vse_gym.physics.roll import accelerations
-from vse_gym.simulation import rollout, scenario
+from vse_gym.scenarios import scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Y_AY, Y_ROLL_RATE
 from vse_gym.vehicles import load
 

@@ -14,8 +14,9 @@ from vse_gym.models import Nominal
 from vse_gym.physics import parameters as p
 from vse_gym.physics.parameters import Road
 from vse_gym.probing import Block, contents, differences, mirror, require, who
+from vse_gym.scenarios import Scenario
 from vse_gym.sensors import SUITES
-from vse_gym.simulation import Scenario, rollout
+from vse_gym.simulation import rollout
 from vse_gym.types import Car, Driver, Log
 
 SIDES = ("side", "amplitude", "rate")  # settings whose sign may be the side; the first that may be negative is

@@ -9,9 +9,9 @@ from vse_gym.manoeuvres.base import si
 from vse_gym.models import Nominal
 from vse_gym.randomise import Randomise, drawn
 from vse_gym.registry import UnknownNameError
+from vse_gym.scenarios import PLANTS, Scenario, fitting_integrator
 from vse_gym.schema import check, kinds_of
 from vse_gym.sensors import stream, suite
-from vse_gym.simulation import PLANTS, Scenario, fitting_integrator
 from vse_gym.vehicles import load
 
 

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 from vse_gym.evaluation.cells import Cell
 from vse_gym.evaluation.study import Study
-from vse_gym.simulation import Scenario, rollout
+from vse_gym.scenarios import Scenario
+from vse_gym.simulation import rollout
 from vse_gym.types import Log
 
 MOST_REPLACED = 20  # a cell whose truth drive ends badly this often in a row is no cell

@@ -24,8 +24,9 @@ from vse_gym.inference.model import heed, observe
 from vse_gym.models import DoubleTrackTuning, ModelTuning, SingleTrackTuning
 from vse_gym.noise import contamination, fisher_information
 from vse_gym.physics import parameters as p
+from vse_gym.scenarios import Scenario
 from vse_gym.sensors import SUITES, Sensors, stream
-from vse_gym.simulation import Scenario, rollout
+from vse_gym.simulation import rollout
 from vse_gym.types import CHANNELS, U_STEER, Y_AX, Y_AY, Y_ROLL_RATE, Y_YAW_RATE, Array, Log
 
 # Nothing stands for a wrong model, for there is none. Per step the process noise is of the size of what the loud set's

@@ -8,8 +8,8 @@ from joblib import Parallel
 from vse_gym.manoeuvres.base import Manoeuvre
 from vse_gym.models import Nominal
 from vse_gym.physics.parameters import Vehicle
+from vse_gym.scenarios import Scenario, fitting_integrator
 from vse_gym.sensors import Sensors
-from vse_gym.simulation import Scenario, fitting_integrator
 
 Progress = Callable[[int, int], None]  # told how many drives are done, of how many
 

@@ -15,8 +15,9 @@ from vse_gym.estimators.base import Estimator
 from vse_gym.manoeuvres.base import KMH, Manoeuvre
 from vse_gym.physics.parameters import Vehicle
 from vse_gym.procedures.drives import Progress, at_work, of_this_car, silent
+from vse_gym.scenarios import Scenario
 from vse_gym.sensors import Sensors, suite
-from vse_gym.simulation import Scenario, rollout
+from vse_gym.simulation import rollout
 from vse_gym.vehicles import load
 
 

@@ -22,9 +22,9 @@ from vse_gym.physics import parameters as p
 from vse_gym.physics.brakes import released_brakes
 from vse_gym.physics.double_track import rolling_start
 from vse_gym.reward import reward_memory
+from vse_gym.scenarios import Scenario
 from vse_gym.sensing import read_sensors, unread_sensors
 from vse_gym.sensors import stream
-from vse_gym.simulation import Scenario
 from vse_gym.types import NO_TORQUE, Array
 from vse_gym.vector.lanes import (
     ESTIMATE,
