@@ -210,6 +210,9 @@ def filter_rows(index, held, filters):
             v.belief[i, j] = belief[j]
         for j in range(5):
             v.motion[i, j] = belief[size - 7 + j]
+        for j, channel in ((2, Y_YAW_RATE), (3, Y_AX), (4, Y_AY)):
+            if math.isnan(v.motion[i, j]):  # of what it has no opinion, what was last heard stands
+                v.motion[i, j] = v.sensed[i, 0, channel]
         for j in range(3):
             v.spread[i, j] = cov[j, j]
         v.friction[i] = belief[place] if place >= 0 else np.nan
@@ -227,62 +230,38 @@ def tell_rows(index, held):
 
 
 @compiled
-def complete(v, i):
-    """What an estimator has no opinion of is what was last heard."""
-    m = v.motion[i]
-    for j, channel in ((2, Y_YAW_RATE), (3, Y_AX), (4, Y_AY)):
-        if math.isnan(m[j]):
-            m[j] = v.sensed[i, 0, channel]
-
-
-@compiled
-def judge(v, i, plant, worth, task):
-    """Whether a row's drive is over, what it has cost so far and what the step was worth."""
-    x, m, added, release = v.state[i], v.motion[i], v.asked[i, 0], v.asked[i, 1]
-    v.ended[i] = ending(x, m)
-    room = task.value.room
-    if v.ended[i] == GOES_ON and room < math.inf and strayed_beyond(task.value.bounds, room, x[X], x[Y]):
-        v.ended[i] = OFF_COURSE
-    v.totals[i] = tally(worth, v.totals[i], x, m, added, release)
-    _, _, vehicle, road, _ = plant.value
-    friction = road_friction(vehicle, road, x[DISTANCE])
-    v.reward[i], v.wanted[i] = step_reward(worth, v.wanted[i], x, v.steer[i], added, v.brake[i], friction)
-    if v.ended[i] != GOES_ON:
-        v.reward[i] -= v.steps[i] - v.k[i]
-
-
-@compiled
-def observe(v, i, view, layout):
-    """What an agent sees of a row."""
-    x = v.state[i]
-    if layout == READING:
-        observation, v.seen[i] = see_readings(view, v.seen[i], v.sensed[i, 0], v.y[i], v.u[i, U_STEER])
-    elif layout == TRUTH:
-        motion = np.array([x[VX], x[VY], x[YAW_RATE], x[AX], x[AY]])
-        observation, v.seen[i] = see_motion(view, v.seen[i], motion, np.zeros(3), v.steer[i])
-    else:
-        observation, v.seen[i] = see_motion(view, v.seen[i], v.motion[i], v.spread[i], v.u[i, U_STEER])
-    for j in range(observation.size):
-        v.observation[i, j] = observation[j]
-
-
-@compiled
-def begin_rows(index, held, views, layout):
-    """What is known of each row before its first step."""
-    v = held.value
+def judge_rows(index, held, plants, worths, tasks):
+    """Whether each row's drive is over, what it has cost so far and what the step was worth."""
+    v = held.value  # once: handed to a function by value, 26 arrays' references would be counted for every row
     for i in index:
-        complete(v, i)
-        observe(v, i, views[i], layout)
+        x, m, added, release = v.state[i], v.motion[i], v.asked[i, 0], v.asked[i, 1]
+        v.ended[i] = ending(x, m)
+        room = tasks[i].value.room
+        if v.ended[i] == GOES_ON and room < math.inf and strayed_beyond(tasks[i].value.bounds, room, x[X], x[Y]):
+            v.ended[i] = OFF_COURSE
+        v.totals[i] = tally(worths[i], v.totals[i], x, m, added, release)
+        _, _, vehicle, road, _ = plants[i].value
+        friction = road_friction(vehicle, road, x[DISTANCE])
+        v.reward[i], v.wanted[i] = step_reward(worths[i], v.wanted[i], x, v.steer[i], added, v.brake[i], friction)
+        if v.ended[i] != GOES_ON:
+            v.reward[i] -= v.steps[i] - v.k[i]
 
 
 @compiled
-def judge_rows(index, held, plants, worths, tasks, views, layout):
-    """What comes of each row's step, once its estimator has spoken."""
-    v = held.value
+def observe_rows(index, held, views, layout):
+    """What an agent sees of each row."""
+    v, zero = held.value, np.zeros(3)
     for i in index:
-        complete(v, i)
-        judge(v, i, plants[i], worths[i], tasks[i])
-        observe(v, i, views[i], layout)
+        x = v.state[i]
+        if layout == READING:
+            observation, v.seen[i] = see_readings(views[i], v.seen[i], v.sensed[i, 0], v.y[i], v.u[i, U_STEER])
+        elif layout == TRUTH:
+            motion = np.array([x[VX], x[VY], x[YAW_RATE], x[AX], x[AY]])
+            observation, v.seen[i] = see_motion(views[i], v.seen[i], motion, zero, v.steer[i])
+        else:
+            observation, v.seen[i] = see_motion(views[i], v.seen[i], v.motion[i], v.spread[i], v.u[i, U_STEER])
+        for j in range(observation.size):
+            v.observation[i, j] = observation[j]
 
 
 @compiled

@@ -31,7 +31,6 @@ from vse_gym.vector.lanes import (
     READING,
     TRUTH,
     Lanes,
-    begin_rows,
     decide_rows,
     describe_rows,
     drive_rows,
@@ -39,6 +38,7 @@ from vse_gym.vector.lanes import (
     judge_rows,
     lanes,
     listed,
+    observe_rows,
     put,
     tell_rows,
 )
@@ -134,7 +134,7 @@ class Rows:
         v.u[i], v.y[i], v.sensed[i, : v.depth[i]] = read_sensors(record, 0, v.state[i], rest, memory)
         v.belief[i, : v.size[i]] = own.belief
         self._estimate(row)
-        begin_rows(row, self._held, self._lists["views"], self._layout)
+        observe_rows(row, self._held, self._lists["views"], self._layout)
         self._grouped = self._grouped[:0]
 
     def step(self, index: Index, actions: Array, again: Sequence[tuple[int, int]] = ()) -> None:
@@ -151,7 +151,8 @@ class Rows:
         way = (self._runge_kutta, self._substeps, self._substep)
         drive_rows(index, held, lists["plants"], lists["tasks"], actions, self._by_moment, *way)
         self._estimate(index)
-        judge_rows(index, held, lists["plants"], lists["worths"], lists["tasks"], lists["views"], self._layout)
+        judge_rows(index, held, lists["plants"], lists["worths"], lists["tasks"])
+        observe_rows(index, held, lists["views"], self._layout)
         for i, seed in again:
             self.start(i, seed)
 
