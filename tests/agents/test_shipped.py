@@ -15,9 +15,9 @@ TRAINED = Path(__file__).parents[2] / "agents" / "trained"
 NAMES = sorted(path.parent.name for path in TRAINED.glob(f"*/{CARD}"))
 
 
-def test_there_are_a_residual_agent_and_one_that_brakes_alone():
+def test_there_are_residual_agents_by_two_algorithms_and_one_that_brakes_alone():
     kinds = {(card.algorithm, card.controller) for card in (TrainedPolicy(str(TRAINED / n)).card for n in NAMES)}
-    assert {("ppo", "esc"), ("ppo", "none")} <= kinds
+    assert {("ppo", "esc"), ("sac", "esc"), ("ppo", "none")} <= kinds
 
 
 @pytest.mark.parametrize("name", NAMES)
