@@ -20,6 +20,7 @@ from vse_gym.vector.sb3 import StableBaselinesEnv
 from vse_gym.wrappers import REWARD_SIZE
 
 SOME = ("ekf", "ukf", "ekf_double_track", "ekf_cauchy_gaussian", "truth")  # --estimator random: good, bad and perfect
+HELD_CARS, HELD_SENSORS = ("vw_vanagon", "tian2018_electric"), ("cauchy_gaussian", "dropout")
 KMH = 1 / 3.6
 
 
@@ -34,7 +35,7 @@ class Task:
     env: tuple[str, ...] = ("vse_gym/DoubleLaneChange-v0",)  # ids
     estimator: tuple[str, ...] = ("ukf",)
     sensors: tuple[str, ...] = ("gaussian", "loud", "biased", "outliers")
-    vehicle: tuple[str, ...] = ("qin2014", "ford_escort", "wei2019_roll")  # cars of no table
+    vehicle: tuple[str, ...] = ("qin2014", "ford_escort", "wei2019_roll")  # none of the headline's
     controller: str = "none"
     action: str = "brakes"
     observation: str = "estimate"
@@ -81,8 +82,18 @@ class Task:
 
 
 def held_out(task: Task) -> Task:
-    """The same drives on cars that neither training nor a table has, and with other sensors."""
-    return replace(task, vehicle=("vw_vanagon", "tian2018_electric"), sensors=("cauchy_gaussian", "dropout"))
+    """The same drives on other cars, none of the headline's either, and with other sensors.
+
+    Raises:
+        ValueError: If the task leaves none.
+    """
+    cars = tuple(car for car in HELD_CARS if car not in task.vehicle)
+    suites = tuple(suite for suite in HELD_SENSORS if suite not in task.sensors)
+    if not cars or not suites:
+        raise ValueError(
+            f"agents are judged with {', '.join(HELD_CARS)} and {', '.join(HELD_SENSORS)}: train without some"
+        )
+    return replace(task, vehicle=cars, sensors=suites)
 
 
 def make_envs(task: Task, num_envs: int, hold: int = 1, worst: float = -math.inf) -> VecEnv:
@@ -174,6 +185,8 @@ class AsSeen(VecEnvWrapper):
     def __init__(self, venv: VecEnv, task: Task, hold: int = 1, worst: float = -math.inf):
         seen = spaces.Box(-REACH, REACH, venv.observation_space.shape, np.float32)
         super().__init__(venv, observation_space=seen)
+        if hold < 1:
+            raise ValueError(f"hold must be a number of steps from 1 on, not {hold!r}")
         self._form, self._hold, self._worst = held_canonical(task.observation, task.action), hold, worst
 
     def reset(self) -> NDArray[np.float32]:

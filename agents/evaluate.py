@@ -3,8 +3,8 @@
     python agents/evaluate.py ppo_residual --estimators ekf --estimators ukf --study headline-v1 --seeds 5
     python agents/evaluate.py ppo_residual ppo_alone --estimators all --jobs 2 --out results/agents
 
-An agent is the folder that train.py wrote, or the name of one of agents/trained. The matrix has the agents as rows,
-each with the estimators that it was trained with, and as columns the estimators that it drives with.
+An agent is the folder that train.py wrote, or the name of one of agents/trained. The matrix has the agents as rows
+and the estimators that they drive with as columns; below it stands what each was trained with.
 """
 
 from pathlib import Path
@@ -41,8 +41,10 @@ def main(
     """Drive a study with agents in the place of the cells' controllers, and beside them others."""
     with sentences():
         trained = {Path(name).name: TrainedPolicy(str(folder_of(name))) for name in agents}
+        if len(trained) < len(agents):
+            raise ValueError(f"agents need folders of different names, not {', '.join(agents)}")
         controllers: dict[str, str | Controller] = {name: name for name in dict.fromkeys(("none", "esc", *beside))}
-        if taken := controllers.keys() & trained.keys():
+        if taken := (controllers.keys() | {OWN}) & trained.keys():
             raise ValueError(f"an agent has the name of a controller: {', '.join(taken)}")
         judged = tuple(ESTIMATORS) if tuple(estimators) == ("all",) else tuple(estimators)
         with bar("cells and seeds") as progress:
@@ -99,7 +101,7 @@ def write(out: Path, runs: object, sheets: dict[str, Sheet], trained: dict[str, 
 
 
 def draw(path: Path, runs: object) -> None:
-    """The matrix of slides as a picture: who controls, by which estimator; the easiest to drive with stands left."""
+    """The matrix of slides as a picture: who controls, by which estimator; both in the order of their mean slide."""
     import polars as pl
 
     assert isinstance(runs, pl.DataFrame)

@@ -10,6 +10,7 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import numpy as np
@@ -122,8 +123,10 @@ def main(
             raise ValueError(f"{model} may run code when it is loaded: --trust does it all the same")
         loaded = ALGORITHMS[algorithm].load(model, device="cpu")
         view = {"observation": observation, "action": action, "controller": controller}
-        write_agent(out, algorithm, loaded, view, {"from": model.name}, {})
-        TrainedPolicy(str(out))
+        with TemporaryDirectory() as trial:
+            for folder in (Path(trial), out):  # a view that does not fit is refused before anything is left behind
+                write_agent(folder, algorithm, loaded, view, {"from": model.name}, {})
+                TrainedPolicy(str(folder))
     screen.print(f"written: {out}")
 
 

@@ -6,6 +6,7 @@ is written down after each, and a run that is gone on with repeats at most the s
 """
 
 import io
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,7 +27,7 @@ from vse_gym.sensors import stream
 
 CHECKPOINT = "checkpoint.pt"
 DRIVES, FIRST_HELD_OUT = 32, 7_000_000  # of each evaluation, and their first seed: of no table and no tuning
-FROM, TO = 2**30, 2**31  # between which training's seeds lie
+FROM, TO = 2**30, 2**31  # between which each row's first seed lies
 BUFFER = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 Progress = Callable[[int], None]
@@ -66,12 +67,16 @@ class Run:
     steps: int
     drives: int = DRIVES  # of an evaluation
     segment: int = 0  # that comes next
+    seconds: float = 0.0  # that whole segments have taken
     curve: list[Point] = field(default_factory=list)
     best: dict[str, Any] = field(default_factory=dict)  # parameters of the policy that drove best on held-out drives
 
     def __post_init__(self) -> None:
+        kinds, rows = len(self.task.env) * len(self.task.vehicle), self.settings["n_envs"]
+        if kinds > rows:
+            raise ValueError(f"{kinds} pairs of a manoeuvre and a car do not fit into {rows} rows: raise n_envs")
         view = {name: self.settings[name] for name in VIEW if name in self.settings}
-        self.env = make_envs(self.task, self.settings["n_envs"], **view)
+        self.env = make_envs(self.task, rows, **view)
         self.model: Any = make(self.algorithm, self.settings, self.env, self.seed)
         self.judge = Judge(self.task, self.drives)
 
@@ -83,17 +88,21 @@ class Run:
     @property
     def segment_steps(self) -> int:
         """Steps of each, as the net counts them: whole rollouts."""
-        rollout = self.settings.get("train_freq", self.settings.get("n_steps", 1)) * self.env.num_envs
+        model = self.model
+        of_each = model.train_freq.frequency if isinstance(model, OffPolicyAlgorithm) else model.n_steps
+        rollout = of_each * self.env.num_envs
         return int(np.ceil(self.steps / self.segments / rollout)) * int(rollout)
 
     def go_on(self, progress: Progress = quiet, folder: Path | None = None) -> None:
         """Train until the end; after each segment a checkpoint is written into the folder, if there is one."""
         while self.segment < self.segments:
+            begin = time.monotonic()
             self._begin()
             told = Told(progress)
             self.model.learn(self.segment_steps, callback=told, reset_num_timesteps=False, log_interval=None)
             self.segment += 1
             self._evaluate()
+            self.seconds += time.monotonic() - begin
             if folder is not None:
                 self.save(folder / CHECKPOINT)
 
@@ -133,6 +142,7 @@ class Run:
         _, variables = model._get_torch_save_params()
         state = {
             "segment": self.segment,
+            "seconds": self.seconds,
             "num_timesteps": model.num_timesteps,
             "n_updates": model._n_updates,
             "parameters": model.get_parameters(),
@@ -155,7 +165,7 @@ class Run:
         model.num_timesteps, model._n_updates = state["num_timesteps"], state["n_updates"]
         if state["buffer"]:
             _fill(model, state["buffer"])
-        self.segment, self.best = state["segment"], state["best"]
+        self.segment, self.seconds, self.best = state["segment"], state["seconds"], state["best"]
         self.curve = [Point(*point) for point in state["curve"]]
 
 

@@ -1,4 +1,7 @@
-"""Hyper-parameters: a TOML file for each algorithm, with the names and the meaning that they have in rl_zoo3's YAML."""
+"""Hyper-parameters: a TOML file for each algorithm, with the names that they have in rl_zoo3's YAML, and their meaning.
+
+But for a rate that falls: here it does so from segment to segment.
+"""
 
 import tomllib
 from collections.abc import Mapping
@@ -18,7 +21,7 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "td3": TD3
 RATES = ("learning_rate", "clip_range")  # a number, or "lin_" and the number from which it falls to zero
 
 OURS: dict[str, Any] = {"n_envs": int, "n_timesteps": int, "segments": int}  # of the run, not of the algorithm
-VIEW: dict[str, Any] = {"hold": int, "worst": float}  # of vse_gym.wrappers.CanonicalView, where they are not as usual
+VIEW: dict[str, Any] = {"hold": int, "worst": float}  # of CanonicalView, where they differ from its defaults
 ALL: dict[str, Any] = {
     **OURS,
     **VIEW,
@@ -67,6 +70,9 @@ def read(algorithm: str, path: Path | None = None) -> dict[str, Any]:
         for name in RATES:
             if name in table:
                 rate(table[name], 0.0)
+        for name in (*OURS, "hold"):
+            if table.get(name, 1) < 1:
+                raise ValueError(f"{name} must be at least 1, not {table[name]}")
     except (TypeError, ValueError) as error:
         raise type(error)(f"{file}: {error}") from None
     return table

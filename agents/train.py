@@ -13,7 +13,6 @@ import csv
 import json
 import shlex
 import sys
-import time
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,9 +29,10 @@ from stable_baselines3.common.logger import configure
 
 from vse_gym.cli_screen import bars, screen, sentences
 from vse_gym.evaluation.provenance import commit, machine, package_version
-from vse_gym.policy import TrainedPolicy
+from vse_gym.policy import CARD, WEIGHTS, TrainedPolicy
 
 ASKED = "run.json"
+WRITTEN = (CHECKPOINT, ASKED, WEIGHTS, CARD, "curve.csv", "curve.png", "model.zip")
 DEFAULT = Task()
 LIBRARIES = ("stable-baselines3", "sb3-contrib", "torch", "numpy", "numba", "gymnasium")
 
@@ -75,8 +75,9 @@ def main(
         count = steps or chosen["n_timesteps"]
         asked = {"algorithm": algorithm, "task": task.table, "settings": chosen, "seed": seed, "steps": count}
         torch.set_num_threads(threads)
+        run = Run(algorithm, task, chosen, seed, count)  # which refuses what cannot be, before anything is written
         prepare(folder, asked | {"threads": threads}, resume, overwrite)
-        train(folder, Run(algorithm, task, chosen, seed, count), resume)
+        train(folder, run, resume)
 
 
 def prepare(folder: Path, asked: dict[str, Any], resume: bool, overwrite: bool) -> None:
@@ -95,7 +96,7 @@ def prepare(folder: Path, asked: dict[str, Any], resume: bool, overwrite: bool) 
     if card.exists() and not overwrite:
         raise FileExistsError(f"{folder} holds a run: --resume goes on with it, --overwrite begins anew")
     for path in folder.glob("*"):
-        if path.name in (CHECKPOINT, ASKED) or path.name.startswith("events."):
+        if path.name in WRITTEN or path.name.startswith("events."):
             path.unlink()
     folder.mkdir(parents=True, exist_ok=True)
     card.write_text(text, encoding="utf-8")
@@ -106,7 +107,6 @@ def train(folder: Path, run: Run, resume: bool) -> None:
     if resume and (folder / CHECKPOINT).exists():
         run.load(folder / CHECKPOINT)
     run.model.set_logger(configure(str(folder), ["tensorboard"]))
-    begin = time.monotonic()
     with bars() as progress:
         total = run.segment_steps * run.segments
         bar = progress.add_task(escape(folder.name), total=total, completed=run.model.num_timesteps)
@@ -117,10 +117,10 @@ def train(folder: Path, run: Run, resume: bool) -> None:
                 f"stopped after {len(run.curve)} of {run.segments} segments: --resume goes on", highlight=False
             )
             raise
-    finish(folder, run, time.monotonic() - begin)
+    finish(folder, run)
 
 
-def finish(folder: Path, run: Run, seconds: float) -> None:
+def finish(folder: Path, run: Run) -> None:
     """Write the agent that drove best on held-out drives, its card, its curve and the model as it is at the end."""
     with (folder / "curve.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -144,7 +144,7 @@ def finish(folder: Path, run: Run, seconds: float) -> None:
         "seed": run.seed,
         "steps": run.model.num_timesteps,
         "best_after": best.steps,
-        "seconds": round(seconds),
+        "seconds": round(run.seconds),
         "commit": commit(),
         "machine": machine(),
         "versions": {"vse-gym": package_version()} | {name: version(name) for name in LIBRARIES},

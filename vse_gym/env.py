@@ -53,7 +53,8 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         costs nothing.
         When a drive ends early, -1 for every step that was left.
 
-    Terminated: |sideslip| > 80 deg, off course, or anything not finite. Truncated: the manoeuvre's duration.
+    Terminated: |sideslip| > 80 deg above 1 m/s, off course, anything not finite, an estimated speed above 150 m/s, or
+        where the multi-body plant's model ends. Truncated: the manoeuvre's duration.
 
     ``info`` has the same keys and shapes at every step, in SI units: truth; reading (the last valid value of each
         channel, and which are new); estimate (std is infinite where unknown); errors; metrics so far; ended (why).
@@ -105,7 +106,7 @@ class StabilityControlEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]
         self.episodes = episodes(manoeuvre, estimator, vehicle, sensors, nominal, plant, randomise, **settings)
         self.scenario: Scenario = self.episodes.written[0]
         self.controller: Controller = CONTROLLERS.make(controller)
-        self._alone = isinstance(self.controller, NoControl)
+        self._alone = type(self.controller) is NoControl
         self.action_kind = action
         self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS[action],), np.float32)
         self.observation_space = spaces.Box(self.encoder.low, self.encoder.high, dtype=np.float32)

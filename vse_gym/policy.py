@@ -106,18 +106,25 @@ class TrainedPolicy(Controller):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", str(self.path))
-        card, _ = _loaded(self.path, *_stamps(self.path))
-        if self.digest and self.digest != card.weights:
-            raise PolicyError(f"{self.path}: its weights are {card.weights}, not {self.digest}")
-        object.__setattr__(self, "digest", card.weights)
+        object.__setattr__(self, "digest", self._read()[0].weights)
 
     @property
     def card(self) -> Card:
-        """What is known of the agent."""
-        return _loaded(self.path, *_stamps(self.path))[0]
+        """What is known of the agent.
+
+        Raises:
+            PolicyError: If the folder holds another one by now.
+        """
+        return self._read()[0]
+
+    def _read(self) -> tuple[Card, Any]:
+        card, net = _loaded(self.path, *_stamps(self.path))
+        if self.digest and self.digest != card.weights:
+            raise PolicyError(f"{self.path}: its weights are {card.weights}, not {self.digest}")
+        return card, net
 
     def init(self, nominal: Nominal) -> PolicyState:
-        card, net = _loaded(self.path, *_stamps(self.path))
+        card, net = self._read()
         form = canonical(card.observation, card.action)
         geometry = nominal.vehicle.geometry
         constants = hold((form, net, geometry, card.observation == "reading", card.action == "yaw_moment"))

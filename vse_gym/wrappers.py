@@ -28,15 +28,15 @@ def _from(held, answer, side, counts):
 class CanonicalView(gymnasium.Wrapper[NDArray[np.float32], NDArray[np.float32], Any, Any]):
     """Observations in typical sizes and from one side, asleep going straight: :mod:`vse_gym.controllers.canonical`.
 
-    What agents are trained through, so that :class:`vse_gym.policy.TrainedPolicy` acts as they did. Rewards are
-    divided by ``REWARD_SIZE``.
+    What agents are trained through; :class:`vse_gym.policy.TrainedPolicy` sees and acts as through one that holds no
+    answer. Rewards are divided by ``REWARD_SIZE``.
 
     Args:
         env: A :class:`vse_gym.env.StabilityControlEnv`.
         hold: Steps that an answer is held for, and whose rewards it earns. A brake is too slow for what is drawn anew
             every 10 ms, so nothing would be explored; and one such step is worth too little to be told from noise.
-        worst: The least reward of a step, in these units. An early end costs its whole rest at once, which a critic
-            that learns from single steps hears little else than.
+        worst: The least reward of a step, in these units. An early end costs its whole rest at once, and a critic that
+            learns from few steps hears little else.
 
     Raises:
         TypeError: If it wraps another environment.

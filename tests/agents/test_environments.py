@@ -58,6 +58,11 @@ def test_an_answer_is_held_and_earns_what_the_steps_do():
             np.testing.assert_allclose(seen[0], alone, atol=1e-5)
     np.testing.assert_allclose(infos[0]["terminal_observation"], alone, atol=1e-5)
     assert infos[0]["episode"]["l"] == 38
+    rows.step(answer)  # through two steps without an answer, then five with it
+    each.step(0 * answer), each.step(0 * answer)
+    np.testing.assert_array_equal(rows.step(answer)[0], [each.step(answer)[0] for _ in range(10)][-1])
+    with pytest.raises(ValueError, match="from 1 on, not 0"):
+        make_envs(task, 1, hold=0)
 
 
 def test_no_step_is_worth_less_than_the_worst_and_a_hold_is_at_least_one_step():

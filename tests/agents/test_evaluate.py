@@ -159,6 +159,7 @@ def test_the_program_prints_and_writes_the_tables(agent, tmp_path):
         (["AGENT", "--estimators", "ekff"], "known: truth"),
         (["AGENT", "--study", "no"], "no study named"),
         (["AGENT", "--beside", "abs"], "known: none"),
+        (["AGENT", "AGENT"], "folders of different names"),
     ],
 )
 def test_a_wrong_word_is_told_what_can_be(words, sentence, agent):

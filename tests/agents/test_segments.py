@@ -8,7 +8,12 @@ from segments import BUFFER, CHECKPOINT, Run
 
 from .conftest import Brief, tiny
 
-TASK = Brief(env=("vse_gym/HeldSteer-v0", "vse_gym/SineWithDwell-v0"), controller="esc", estimator=("truth", "ekf"))
+TASK = Brief(
+    env=("vse_gym/HeldSteer-v0", "vse_gym/SineWithDwell-v0"),
+    vehicle=("qin2014", "ford_escort"),
+    controller="esc",
+    estimator=("truth", "ekf"),
+)
 STEPS = 400
 
 
@@ -107,15 +112,23 @@ def test_nothing_is_run_when_a_checkpoint_is_read(tmp_path):
         run("ppo").load(tmp_path / CHECKPOINT)
 
 
-def test_training_shares_no_car_with_the_held_out_drives_or_with_a_table():
+def test_training_shares_no_car_and_no_sensors_with_the_held_out_drives_and_no_car_with_the_headline():
     from environments import held_out
 
-    from vse_gym.evaluation.study import Study, study_names
+    from vse_gym.evaluation.study import Study
 
     task = Task()
-    tables = {cell.vehicle for name in study_names() if "training" not in name for cell in Study.load(name).cells}
-    apart = (set(task.vehicle), set(held_out(task).vehicle), tables & {"qin2014_understeer", "bmw_320i"})
-    assert not set(task.vehicle) & set(held_out(task).vehicle)
-    assert all(apart)
     headline = {cell.vehicle for cell in Study.load("headline-v1").cells}
-    assert not headline & (set(task.vehicle) | set(held_out(task).vehicle))
+    for own in (task, Task(vehicle=("vw_vanagon",), sensors=("dropout", "gaussian"))):
+        other = held_out(own)
+        assert other.vehicle and other.sensors
+        assert not set(own.vehicle) & set(other.vehicle)
+        assert not set(own.sensors) & set(other.sensors)
+        assert not headline & (set(task.vehicle) | set(other.vehicle))
+    with pytest.raises(ValueError, match="judged with vw_vanagon"):
+        held_out(Task(vehicle=("vw_vanagon", "tian2018_electric")))
+
+
+def test_kinds_that_no_row_would_drive_are_refused():
+    with pytest.raises(ValueError, match="6 pairs of a manoeuvre and a car do not fit into 4 rows"):
+        Run("ppo", Brief(env=TASK.env), tiny("ppo"), seed=0, steps=STEPS, drives=4)

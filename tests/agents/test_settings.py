@@ -59,6 +59,7 @@ WRONG = [
     ('batch_size = "big"', "batch_size must be a whole number"),
     ('learning_rate = "quick"', "a rate is a number"),
     ("tau = 0.1", "ppo has no setting tau"),
+    ("hold = 0", "hold must be at least 1, not 0"),
 ]
 
 

@@ -147,3 +147,13 @@ def test_a_curve_is_drawn(tmp_path):
     curve = [Point(k, 1.0 * k, 2.0 * k, 0.5 * k, 0.0) for k in range(1, 5)]
     draw_curve(tmp_path / "curve.png", curve, {"controller_alone": 3.0, "nobody": 1.0}, "a run")
     assert (tmp_path / "curve.png").stat().st_size > 5000
+
+
+def test_words_that_are_refused_leave_nothing_behind_and_harm_nothing(finished, tmp_path):
+    folder, words = finished
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for wrong in (["--controller", "ecs", "--overwrite"], ["--action", "steer", "--overwrite"]):
+        assert run([*words, *wrong]).exit_code == 2
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    refused = run([*words, "--action", "steer", "--out", str(tmp_path / "new")])
+    assert refused.exit_code == 2 and not (tmp_path / "new").exists()

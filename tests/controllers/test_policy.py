@@ -2,6 +2,7 @@
 
 import io
 import json
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -281,10 +282,16 @@ def test_a_cut_off_file_is_refused(tmp_path):
 
 def test_an_agent_that_was_written_anew_is_another(tmp_path):
     first = TrainedPolicy(write(tmp_path / "agent"))
+    sent = pickle.dumps(first)
     second = TrainedPolicy(write(tmp_path / "agent", changed(**{"layers.1.bias": np.ones(5)})))
     assert first != second
     with pytest.raises(PolicyError, match="its weights are"):
         TrainedPolicy(first.path, first.digest)
+    for kept in (first, pickle.loads(sent)):
+        with pytest.raises(PolicyError, match="its weights are"):
+            kept.init(scenario("held_steer").nominal)
+        with pytest.raises(PolicyError, match="its weights are"):
+            _ = kept.card
 
 
 def test_an_agent_runs_without_the_library_that_trained_it(agents):

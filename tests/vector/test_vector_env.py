@@ -172,6 +172,22 @@ def test_what_is_handed_out_does_not_reach_inside():
     twin.step(actions)
     observation[:], reward[:] = 99.0, 99.0
     np.testing.assert_array_equal(env.step(actions)[0], twin.step(actions)[0])
+    with pytest.raises(ValueError, match="read-only"):
+        env.step(actions)[-1]["_truth"][:] = False
+
+
+def test_rows_that_are_reset_without_a_seed_go_on_with_what_theirs_draws():
+    env = native(SWD, 2)
+    singles = [gymnasium.make(SWD, disable_env_checker=True) for _ in range(2)]
+    env.reset(seed=3)
+    for i, single in enumerate(singles):
+        single.reset(seed=3 + i)
+    for seeds in (None, [None, 9]):
+        seen = env.reset(seed=seeds)[0]
+        own = [None, None] if seeds is None else seeds
+        np.testing.assert_array_equal(
+            seen, [single.reset(seed=seed)[0] for single, seed in zip(singles, own, strict=True)]
+        )
 
 
 class Swerve(Manoeuvre):
@@ -203,6 +219,8 @@ def test_what_rows_cannot_drive_is_refused_with_what_can(case):
 
 def test_wrong_calls_are_told_what_was_expected():
     env = native(SWD, 2)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="begin with reset"):
+        env.step(np.zeros((2, 4), np.float32))
     with pytest.raises(ValueError, match="needs 2 seeds, one for each row, not 3"):
         env.reset(seed=[1, 2, 3])
     env.reset(seed=0)

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
@@ -56,7 +57,13 @@ class Drives:
         self.parts[part].start(i - self._slices[part].start, self._next(i) if seed is None else seed)
 
     def step(self, actions: Array, again: Sequence[int] = ()) -> None:
-        """Drive on all rows but those that begin anew."""
+        """Drive on all rows but those that begin anew.
+
+        Raises:
+            ResetNeeded: If they were never started.
+        """
+        if None in self._generators:
+            raise ResetNeeded("drives begin with reset, before the first step")
         work = []
         for rows, part, every in zip(self.parts, self._slices, self._every, strict=True):
             over = [(i - part.start, self._next(i)) for i in again if part.start <= i < part.stop]

@@ -50,6 +50,7 @@ class StabilityControlVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], 
         self.observation_space = batch_space(single.observation_space, num_envs)
         self._over = np.zeros(num_envs, dtype=bool)
         self._every = np.ones(num_envs, dtype=bool)  # rows that have a key of info: all
+        self._every.flags.writeable = False  # the same array in every info
         self._masks: dict[str, dict[str, Flags]] = {group: {} for group, _ in PLACES}
         for group, key in (*PLACES, ("estimate", "std")):
             self._masks[group][f"_{key}"] = self._every

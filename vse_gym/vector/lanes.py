@@ -2,7 +2,7 @@
 
 Each stage is a loop over rows of the very functions that a single drive calls, so that a row and a single drive agree
 to the bit. A stage is compiled for the types that it meets: the plant's for a car's tyres, a filter's for a rule and a
-model. What differs between rows of one type, lies in lists of held constants.
+model. What differs between rows of one type lies in lists of held constants.
 """
 
 import math

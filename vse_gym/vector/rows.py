@@ -61,7 +61,7 @@ def estimates_in_rows(estimator: Estimator) -> bool:
 
 def controls_in_rows(controller: Controller) -> bool:
     """The same of a controller: none, or a law from errors to a yaw moment."""
-    return isinstance(controller, NoControl) or (
+    return type(controller) is NoControl or (
         isinstance(controller, MomentControl) and type(controller).act is MomentControl.act
     )
 
