@@ -8,6 +8,7 @@ holds pickles, which run code when they are loaded: --trust says that you know w
 
 import io
 import json
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -121,7 +122,9 @@ def main(
             raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, not {algorithm!r}")
         if not trust:
             raise ValueError(f"{model} may run code when it is loaded: --trust does it all the same")
-        loaded = ALGORITHMS[algorithm].load(model, device="cpu")
+        with warnings.catch_warnings():  # of a buffer that is no matter here
+            warnings.filterwarnings("ignore", "`n_steps=", UserWarning)
+            loaded = ALGORITHMS[algorithm].load(model, device="cpu")
         view = {"observation": observation, "action": action, "controller": controller}
         with TemporaryDirectory() as trial:
             for folder in (Path(trial), out):  # a view that does not fit is refused before anything is left behind
