@@ -7,6 +7,7 @@ controllers and estimators meet the same car, road and noise.
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,7 +112,8 @@ def battery(
             calls.append((study, cell, seed, own | named, judged))
     rows: list[Row] = []
     progress(0, len(calls))
-    for done, some in enumerate(in_parallel(battery_rows, calls, jobs), 1):
-        rows += some
-        progress(done, len(calls))
+    with closing(in_parallel(battery_rows, calls, jobs)) as driven:
+        for done, some in enumerate(driven, 1):
+            rows += some
+            progress(done, len(calls))
     return polars.DataFrame(rows, infer_schema_length=None).sort(AXES)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -88,10 +89,11 @@ class Bench:
         done = total - len(tasks)
         progress(done, total)
         run = run_matched if self.study.matched else run_cell
-        for rows in in_parallel(run, tasks, self.jobs, self.backend):
-            self.finished.add(rows)
-            done += 1
-            progress(done, total)
+        with closing(in_parallel(run, tasks, self.jobs, self.backend)) as driven:  # Ctrl-C while it closes is one too
+            for rows in driven:
+                self.finished.add(rows)
+                done += 1
+                progress(done, total)
         return self
 
     def drive_until(self, precision: float, most: int = MOST_SEEDS, progress: Progress = quiet) -> "Bench":

@@ -1,7 +1,7 @@
 """Many independent calls at once, on this machine or a cluster; results as they come."""
 
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from typing import Any
@@ -17,8 +17,8 @@ DEAF = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN
 
 def in_parallel(
     function: Callable[..., Any], calls: Sequence[tuple[Any, ...]], jobs: int = 1, backend: str = "loky"
-) -> Iterator[Any]:
-    """What ``function`` gives for each tuple of arguments, in no order.
+) -> Generator[Any, None, None]:
+    """What ``function`` gives for each tuple of arguments, in no order; to be closed by who stops before the end.
 
     Args:
         function: Can be pickled, as its arguments and results can.
