@@ -62,7 +62,7 @@ class Drives:
         Raises:
             ResetNeeded: If they were never started.
         """
-        if None in self._generators:
+        if self._generators[-1] is None:  # a reset starts the rows in order; asking each would cost every step
             raise ResetNeeded("drives begin with reset, before the first step")
         work = []
         for rows, part, every in zip(self.parts, self._slices, self._every, strict=True):
